@@ -323,7 +323,9 @@ def test_a_second_manager_leaves_the_bus_to_the_first(aircraft: Aircraft) -> Non
     assert second.event("second_manager")["node"] == 126
     code, said = second.end()
     assert code == 1
-    assert said == ["heronry: manager 126 already reigns on can0 (term 1); stop it first, or let this one be"]
+    assert said == [
+        "heronry: manager 126 is already active on can0 (term 1); stop that manager first, or do not start this one"
+    ]
     first.event("plan_ready")
 
 

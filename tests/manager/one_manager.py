@@ -1,7 +1,7 @@
-"""A manager of a small spec, and its PEs, spoken for by the test: frames in, actions out, time by hand.
+"""A manager of a small spec, with its PEs played by the test: frames in, actions out, time by hand.
 
 Three PEs on one bus: `left` and `right` can each drive one servo of the elevator (branches of one DEMUX), `left` and
-`middle` can compute its demand. Everything beats every 20 ms.
+`middle` can compute its demand. The heartbeat period is 20 ms.
 """
 
 from collections import Counter
@@ -60,7 +60,7 @@ def two_tails() -> Spec:
 
 
 class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
-    """The core, its clock, and all it has asked for."""
+    """The core, its clock, and all that it has requested."""
 
     def __init__(
         self,
@@ -83,11 +83,11 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         self.stops: list[str] = []
         self.compiler = Compiler(self.spec)
         self.flags = PeFlags.HEARS_LEASE  # of every state
-        self.running: dict[str, StatePage0] = {}  # what each PE that lives says each beat
+        self.running: dict[str, StatePage0] = {}  # the page that each live PE sends in each beat
         self.sequences: Counter[str] = Counter()
 
     def give(self, event: ManagerEvent) -> list[ManagerAction]:
-        """Give an event now."""
+        """Give an event to the core now."""
         actions = super().give(event)
         self.core.validate()
         for action in actions:
@@ -111,7 +111,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
             self.commands.append(message)
 
     def pass_time(self, duration_ns: int) -> None:
-        """Let time pass, deadline by deadline; PEs that live beat on."""
+        """Let time pass, deadline by deadline; live PEs go on beating."""
         end_ns = self.now_ns + duration_ns
         beat_ns = self.now_ns - self.now_ns % BEAT_NS + BEAT_NS
         while True:
@@ -135,7 +135,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         return state_id(self.spec.pes[pe].node_id)
 
     def live(self, pe: str, state: PeState = PeState.UNCONFIGURED, *, epoch: int = 0, digest: int = 0) -> None:
-        """Let a PE say this from now on, and at once."""
+        """Let a PE send this state from now on, the first time now."""
         incarnation = self.running[pe].incarnation if pe in self.running else 1
         self.running[pe] = StatePage0(state, self.flags, incarnation, epoch, 0, digest)
         self.beat(pe)
@@ -149,7 +149,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         del self.running[pe]
 
     def stage(self, pe: str, reason: Reason = Reason.NONE) -> None:
-        """A PE says that it has staged what is being prepared, or why not."""
+        """Let a PE report that it has staged what is being prepared, or why not."""
         epoch, digest = self.prepared()
         page = StatePage1(
             PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest if reason is Reason.NONE else 0, reason, 0
@@ -160,7 +160,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         self.hear(Frame(emcy_id(self.spec.pes[pe].node_id), emergency.encode()))
 
     def take(self, pe: str, state: PeState) -> None:
-        """A PE says that it has taken a step of what was prepared last."""
+        """Let a PE report that it has taken a step of what was prepared last."""
         epoch, digest = self.prepared()
         self.live(pe, state, epoch=epoch, digest=digest)
 
@@ -177,7 +177,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         return found
 
     def start(self, *, fly: bool = True) -> None:
-        """Come to reign over three PEs that live; with `fly` until the first epoch is active everywhere."""
+        """Become active over three live PEs; with `fly` until the first epoch is active everywhere."""
         for pe in self.spec.pes:
             self.live(pe)
         self.pass_time(110 * MS)
@@ -203,7 +203,7 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         return [message for message in self.commands if isinstance(message, message_type)]
 
     def answers(self) -> list[Control]:
-        """What it has said in CONTROL to PEs, and not to a standby."""
+        """What the manager has sent in CONTROL to PEs, and not to a standby manager."""
         return [one for one in self.said(Control) if one.operation is not Operation.HOLDS]
 
     def heads_to(self, pe: str) -> int:

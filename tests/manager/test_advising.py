@@ -41,7 +41,7 @@ def advisor() -> OneManager:
 
 
 def do_as_advised(advisor: OneManager, epoch: int) -> None:
-    """Another manager brings about what was advised."""
+    """Let another manager deploy what was advised."""
     request = advisor.requests[-1]
     plan = advisor.answer()
     digest = advisor.compiler.configuration(plan.configuration).digest
@@ -50,7 +50,7 @@ def do_as_advised(advisor: OneManager, epoch: int) -> None:
         advisor.live(pe, PeState.ACTIVE, epoch=epoch, digest=digest)
 
 
-def test_it_says_what_it_would_do_and_nothing_on_the_bus(advisor: OneManager) -> None:
+def test_it_tells_what_it_would_do_and_sends_nothing_on_the_bus(advisor: OneManager) -> None:
     advisor.start(fly=False)
     do_as_advised(advisor, 30)
     assert advisor.last("advice")["started"] == ["control", "drive_left"]
@@ -68,13 +68,13 @@ def test_a_manager_that_is_active_beside_it_is_no_rival(advisor: OneManager) -> 
     lease = Lease(9, 0, Step.PREPARED, 0)
     advisor.hear(command_frame(lease, 127))
     advisor.start(fly=False)
-    assert advisor.requests == []  # what that one holds is told in turn
+    assert advisor.requests == []  # the other manager announces in turn what it holds
     advisor.pass_time(1000 * MS)
     assert advisor.stops == []
     assert advisor.requests
 
 
-def test_what_another_manager_does_otherwise_is_nobodys_fault(advisor: OneManager) -> None:
+def test_what_another_manager_does_otherwise_is_not_held_against_a_pe(advisor: OneManager) -> None:
     advisor.start(fly=False)
     do_as_advised(advisor, 30)
     for pe in advisor.spec.pes:
@@ -98,11 +98,11 @@ def test_what_was_advised_is_adopted_once_every_pe_is_active_in_it(advisor: OneM
     assert advisor.last("adopted")["epoch"] == 30
 
 
-# Beside a manager that reigns, in flight
+# Beside an active manager, in flight
 
 
 class Beside:
-    """One that only advises, started while 127 reigns in term 2 and its PEs run an epoch; time passes by `fly`."""
+    """One that only advises, started while 127 is active in term 2 and its PEs run an epoch; time passes by `fly`."""
 
     def __init__(self) -> None:
         self.one = OneManager(PHASES)
@@ -115,19 +115,19 @@ class Beside:
         self.one.hear(*(command_frame(message, 127) for message in messages))
 
     def run(self, found: Plan | None, epoch: int) -> None:
-        """Let all PEs run a plan, or something that nobody has heard of, and the manager say so."""
+        """Let all PEs run a plan, or something unknown here, and let the manager send LEASEs for it."""
         digest = 0x99 if found is None else self.one.compiler.configuration(found.configuration).digest
         self.lease = Lease(2, epoch, Step.GO_ALL, digest)
         for pe in PHASES.pes:
             self.one.live(pe, PeState.ACTIVE, epoch=epoch, digest=digest)
 
-    def bring_about(self, found: Plan, epoch: int) -> None:
-        """The same, with the slices: it may be overheard."""
+    def deploy(self, found: Plan, epoch: int) -> None:
+        """Let all PEs run a plan, and let the manager send its slices too: it may be overheard."""
         self.activate(found, epoch)
         self.run(found, epoch)
 
     def activate(self, found: Plan, epoch: int) -> None:
-        """The manager says it all, and no PE has done it yet."""
+        """Let the manager send all of a reconfiguration, which no PE has executed yet."""
         compiled = self.one.compiler.configuration(found.configuration)
         for node, body in compiled.slices.items():
             self.say(*([Prepare(2, epoch, compiled.digest)] if node == 92 else []))
@@ -184,7 +184,7 @@ def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Be
     elevator = beside.status()["functions"]["elevator"]
     assert (elevator["served"], elevator["value"]) == (None, None)
     assert elevator["why_not"] == "epoch 30 runs, which this manager does not know"
-    beside.bring_about(without("device:servo_left"), 31)
+    beside.deploy(without("device:servo_left"), 31)
     beside.fly(10)
     assert (beside.status()["epoch"], beside.status()["unknown_epoch"]) == (31, None)
     assert beside.status()["functions"]["elevator"]["served"] is True
@@ -192,7 +192,7 @@ def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Be
     assert beside.one.of("advice") == []
 
 
-def test_of_what_is_overheard_and_runs_nowhere_yet_nothing_is_said(beside: Beside) -> None:
+def test_nothing_is_reported_of_what_is_overheard_and_runs_nowhere_yet(beside: Beside) -> None:
     beside.run(None, 30)
     beside.fly(60)
     beside.activate(without("device:servo_left"), 31)
@@ -200,11 +200,11 @@ def test_of_what_is_overheard_and_runs_nowhere_yet_nothing_is_said(beside: Besid
     assert (beside.one.of("unknown_epoch"), beside.one.of("advice")) == ([], [])
 
 
-def test_it_advises_from_what_another_manager_has_brought_about(beside: Beside) -> None:
+def test_it_advises_from_what_another_manager_has_deployed(beside: Beside) -> None:
     beside.run(without(), 30)
     beside.fly(60)
     beside.one.answer()
-    beside.bring_about(without("device:servo_left", "device:servo_right"), 31)  # and nobody has told why
+    beside.deploy(without("device:servo_left", "device:servo_right"), 31)  # without a fault that was announced
     beside.fly(10)
     assert beside.status()["functions"]["elevator"]["served"] is False
     beside.one.answer()
@@ -230,15 +230,15 @@ def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Be
     assert beside.status()["phase"] == "glide"
     replies.append(beside.accept(ClearElement("device:servo_left")))
     assert beside.status()["latched"] == []
-    only_advises = "; this manager only advises: say it to the one that reigns"
+    only_advises = "; this manager only advises: give the order to the active manager"
     assert [(one.done, one.sentence) for one in replies] == [
         (True, "device:servo_left counts as failed until it is cleared" + only_advises),
         (True, "the phase is land from now on, it was climb" + only_advises),
-        (True, "device:servo_left is taken for well again" + only_advises),
+        (True, "device:servo_left counts as well again" + only_advises),
     ]
 
 
-def test_a_request_for_a_phase_is_left_to_the_active_manager_as_long_as_anybody_does(beside: Beside) -> None:
+def test_a_request_for_a_phase_is_left_to_the_active_manager_as_long_as_there_is_one(beside: Beside) -> None:
     beside.run(without(), 30)
     beside.fly(60)
     request = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1)

@@ -1,4 +1,4 @@
-"""A manager with a key: what it tags, whom it believes, and what a PE has to do for it."""
+"""A manager with a key: what it tags, which states and commands it believes, and what proves them."""
 
 from collections.abc import Callable
 from copy import copy
@@ -47,7 +47,7 @@ class Pe(ProvenStates):
         self.manager = manager
 
     def ask(self, nonce: int = 77) -> None:
-        """Say a nonce, and take the answer if there is one."""
+        """Send a nonce, and take the answer if there is one."""
         before = len(self.manager.frames)
         self.manager.hear(Frame(state_id(self.node), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
         verifier = CommandVerifier(KEY, BEAT_NS)
@@ -60,7 +60,7 @@ class Pe(ProvenStates):
     def say(
         self, page: StatePage0 = UNCONFIGURED, session: Session | None = None, emergency: bytes = NO_EMERGENCY
     ) -> Frame:
-        """Say a page 0, tagged, which proves an EMCY; gives the frame."""
+        """Send a page 0, tagged, which proves an EMCY; gives the frame."""
         own, self.session = self.session, session or self.session
         frame = self.prove(page, emergency)
         self.session = own
@@ -68,11 +68,11 @@ class Pe(ProvenStates):
         return frame
 
     def stages(self, page: StatePage1) -> None:
-        """Say a page 1, tagged."""
+        """Send a page 1, tagged."""
         self.manager.hear(self.prove(page))
 
     def reports(self, emergency: Emergency) -> bytes:
-        """Say an EMCY."""
+        """Send an EMCY."""
         self.manager.hear(Frame(emcy_id(self.node), emergency.encode()))
         return emergency.encode()
 
@@ -90,7 +90,7 @@ def changed(pe: Pe, **fields: Any) -> Pe:
 
 
 def status(manager: OneManager) -> dict[str, Any]:
-    """What the status says of the left PE."""
+    """Give what the status tells of the left PE."""
     (reply,) = [a for a in manager.give(OperatorSaid(1, AskStatus())) if isinstance(a, Reply)]
     assert reply.status is not None
     told: dict[str, Any] = reply.status["pes"]["left"]
@@ -99,7 +99,7 @@ def status(manager: OneManager) -> dict[str, Any]:
 
 @pytest.fixture
 def manager() -> OneManager:
-    """Give a manager that has begun to speak."""
+    """Give a manager that has begun to send."""
     one = OneManager(key=KEY)
     one.pass_time(6 * BEAT_NS)
     return one
@@ -127,13 +127,13 @@ def test_a_manager_that_fell_silent_waits_for_proof_as_at_its_start() -> None:
     assert not manager.core.is_active
     manager.pass_time(200 * MS)
     assert manager.core.is_active
-    asked = len(manager.requests)
+    requests = len(manager.requests)
     manager.pass_time(START_UP_WINDOW_NS - 300 * MS)
-    assert (len(manager.requests), manager.core.is_active) == (asked, True)
+    assert (len(manager.requests), manager.core.is_active) == (requests, True)
     assert manager.now_ns - begun_ns < START_UP_WINDOW_NS
 
 
-def test_nobody_is_answered_while_the_manager_only_listens_or_advises() -> None:
+def test_no_nonce_is_answered_while_the_manager_only_listens_or_advises() -> None:
     listening = OneManager(key=KEY)
     pe = Pe(listening)
     pe.ask()
@@ -182,7 +182,7 @@ GYRO, CONTROL = (Emergency(FaultCode.REPORTED, 0x81, kind, 0, 7) for kind in (El
 
 
 def latched(manager: OneManager) -> list[str]:
-    """Elements that have been reported, as the manager tells."""
+    """Elements that have been reported failed, by the manager's events."""
     return [event["element"] for event in manager.events if event["event"] == "fault_reported"]
 
 
@@ -217,7 +217,7 @@ def test_a_flood_of_emcys_pushes_out_the_oldest_and_is_bounded(manager: OneManag
     assert len(latched(manager)) == 1
 
 
-def test_a_lost_channel_is_told_as_it_is_heard_since_no_plan_depends_on_it() -> None:
+def test_a_lost_channel_is_reported_as_it_is_heard_since_no_plan_depends_on_it() -> None:
     replicated = SPEC_TEXT.replace("bitrate: 1000000", "bitrate: 1000000, channels: 2")
     manager = OneManager(loads(replicated, "two_tails.dg.yaml"), key=KEY)
     manager.pass_time(6 * BEAT_NS)
@@ -236,7 +236,7 @@ def test_what_an_older_mastership_commanded_is_known_by_what_page_3_names(manage
     assert status(manager)["epoch"] == 900
 
 
-def test_who_lost_its_session_and_begins_anew_is_not_told_of(manager: OneManager, pe: Pe) -> None:
+def test_a_pe_that_lost_its_session_and_begins_anew_makes_no_event(manager: OneManager, pe: Pe) -> None:
     for _ in range(3):
         for _ in range(6):
             manager.pass_time(BEAT_NS)
@@ -271,38 +271,40 @@ def test_another_manager_ends_a_mastership_only_with_the_key(manager: OneManager
 
 @pytest.fixture
 def advisor() -> OneManager:
-    """Give a manager that only advises, beside one that reigns and has spoken; so it knows no session."""
+    """Give a manager that only advises, beside an active one that has sent before; so it knows no session."""
     one = OneManager(key=KEY)
     one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, advise=True, key=KEY)
     one.pass_time(6 * BEAT_NS)
     return one
 
 
-def overheard_welcome(one: OneManager, signer: CommandSigner, asked: int = 5, answered: int = 5) -> Session:
+def overheard_welcome(one: OneManager, signer: CommandSigner, nonce: int = 5, answered: int = 5) -> Session:
     """Let it hear a nonce of the left PE, other talk, the answer, and its TAG."""
     control, tag = signer.welcome(LEFT, answered)
     other = Frame(control.can_id, Control(signer.term, LEFT, Operation.ACKNOWLEDGE).encode())
-    nobody, _ = CommandSigner(KEY, NODE, signer.term).welcome(125, answered)
-    asks = Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), asked).encode())
-    for frame in (asks, asks, other, nobody, control, tag, tag):
+    to_unknown, _ = CommandSigner(KEY, NODE, signer.term).welcome(125, answered)
+    asks = Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode())
+    for frame in (asks, asks, other, to_unknown, control, tag, tag):
         one.hear(frame)
     return Session(NODE, signer.term, signer.number)
 
 
-def test_a_welcome_of_another_manager_is_followed_by_who_only_advises(advisor: OneManager) -> None:
+def test_an_advising_manager_follows_a_welcome_of_another_manager(advisor: OneManager) -> None:
     pe = Pe(advisor, session=overheard_welcome(advisor, CommandSigner(KEY, NODE, 4)))
     pe.say()
     assert pe.counts()
 
 
 @pytest.mark.parametrize(("key", "answered"), [(FOREIGN, 5), (KEY, 6)], ids=["another key", "another nonce"])
-def test_one_that_does_not_answer_what_was_asked_is_not(advisor: OneManager, key: Key, answered: int) -> None:
+def test_an_advising_manager_does_not_follow_a_welcome_to_another_nonce_or_key(
+    advisor: OneManager, key: Key, answered: int
+) -> None:
     pe = Pe(advisor, session=overheard_welcome(advisor, CommandSigner(key, NODE, 4), answered=answered))
     pe.say()
     assert not pe.counts()
 
 
-def test_an_older_one_that_is_said_again_takes_the_place_of_none(advisor: OneManager) -> None:
+def test_an_older_welcome_that_is_replayed_takes_the_place_of_none(advisor: OneManager) -> None:
     signer = CommandSigner(KEY, NODE, 4)
     old = overheard_welcome(advisor, signer)
     pe = Pe(advisor, session=overheard_welcome(advisor, signer))
@@ -314,14 +316,14 @@ def test_an_older_one_that_is_said_again_takes_the_place_of_none(advisor: OneMan
     assert not pe.counts()
 
 
-def test_a_active_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> None:
+def test_an_active_manager_does_not_follow_a_welcome(manager: OneManager, pe: Pe) -> None:
     for number in range(3):
         manager.hear(CommandSigner(KEY, 127, 4 + number).welcome(LEFT, 5)[0])
     pe.say()
     assert pe.counts()
 
 
-def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_what_it_says_when_it_takes_over() -> None:
+def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_its_commands_when_it_takes_over() -> None:
     one = OneManager(node=127, key=KEY)
     one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, key=KEY, standby=True)
     active_manager = CommandSigner(KEY, NODE, 3)
@@ -352,7 +354,7 @@ def test_slices_leave_room_for_their_tags() -> None:
     assert plain.core._known.deployment.epochs.bitrate == 2 * tagged.core._known.deployment.epochs.bitrate
 
 
-def test_alive_goes_out_as_ever(manager: OneManager) -> None:
+def test_alive_goes_out_as_without_a_key(manager: OneManager) -> None:
     assert Alive(1, 0, frozenset()) in manager.commands
     assert [a for a in manager.give(Received(0, Frame(5, b""))) if isinstance(a, Send)] == []
     assert manager.now_ns > MS

@@ -1,4 +1,4 @@
-"""What a configuration becomes on the wire, read back: by indices of tables alone, as the PEs do it."""
+"""What a configuration becomes on the wire, read back by indices of tables alone, as the PEs do it."""
 
 import itertools
 import random
@@ -28,7 +28,7 @@ from planner.random_specs import Case, random_case
 from thoroughness import part_of
 
 SEEDS = range(part_of(150, 2))
-SEEN, MOST = 300, 6  # configurations of one random spec: of so many that are found, so many are taken
+SEEN, MOST = 300, 6  # configurations of one random spec: found at most, and taken from these
 MUST_APPEAR = ("wires", "remote", "forwarded", "published on two ports", "nothing to do")
 SITUATIONS = [
     ("elevator_and_chute", None, ()),
@@ -140,7 +140,7 @@ Run = tuple[str, tuple[str, str, dict[str, tuple[str, str]]]]
 
 
 def runs(pe: str, table: PeTable, part: Slice) -> Iterator[Run]:
-    """What a slice says to its PE: module, and (PE, mode, wires)."""
+    """What a slice tells its PE: module, and (PE, mode, wires)."""
     entries = {entry.index: entry for entry in table.modules}
     for module in part.modules:
         mode = entries[module.module].modes[module.mode]
@@ -279,7 +279,7 @@ def commanded(spec: Spec) -> set[str]:
     }
 
 
-def test_a_port_knows_who_is_beyond_it_and_the_uplink_is_the_one_toward_the_manager() -> None:
+def test_a_port_knows_which_pes_are_beyond_it_and_the_uplink_is_the_one_toward_the_manager() -> None:
     gateways_beyond = 0
     for spec in all_specs():
         compiler, reached = Compiler(spec), commanded(spec)
@@ -321,7 +321,7 @@ def test_a_table_holds_what_may_run_on_its_pe_and_every_source_of_the_spec() -> 
             assert [table.sources[i].module for i in range(len(numbers))] == [module for module, _ in spec.sources()]
 
 
-def test_a_source_says_the_longest_period_of_the_modes_that_give_it() -> None:
+def test_a_source_has_the_longest_period_of_the_modes_that_give_it() -> None:
     table = Compiler(shipped("big_blue")).table("nav")
     periods = {(s.module, s.variable): s.period_ns for s in table.sources}
     assert periods["telemetry", "telemetry_altitude"] == 250_000_000  # live 40 Hz, slow 4 Hz

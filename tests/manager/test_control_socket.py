@@ -1,4 +1,4 @@
-"""The operator's socket: whoever may call is answered, whoever may not, or talks nonsense, harms nobody."""
+"""The operator's socket: a permitted caller is answered; another caller, or nonsense, does no harm."""
 
 import json
 import os
@@ -41,14 +41,14 @@ ORDERS: list[Order] = [
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A runtime folder of one's own; gives where the manager of `big_blue` listens."""
+    """A runtime folder of the test's own; gives where the manager of `big_blue` listens."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     return default_socket("big_blue")
 
 
 @contextmanager
 def manager_on(path: Path) -> Iterator[list[OperatorSaid]]:
-    """A manager that does everything it is told; gives what it was told."""
+    """A manager that executes every order; gives the orders."""
     heard: list[OperatorSaid] = []
     stop_read, stop_write = os.pipe()
 
@@ -90,12 +90,12 @@ def test_the_only_manager_is_found_and_of_two_one_must_be_named(place: Path) -> 
     assert not place.exists()
 
 
-def test_without_a_runtime_folder_one_of_ones_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_runtime_folder_the_user_gets_an_own_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     assert default_folder().name == f"heronry-{os.getuid()}"
 
 
-def test_a_second_manager_is_told_who_listens_there(place: Path) -> None:
+def test_a_second_manager_is_told_which_process_listens_there(place: Path) -> None:
     with (
         ControlSocket(place),
         pytest.raises(ControlError, match=rf"process {os.getpid()}\) listens on .*big_blue.sock"),
@@ -162,7 +162,7 @@ def caller_of(path: Path) -> socket.socket:
         (b'{"v": 2, "do": "status"}\n', "version 1 of the control protocol, not 2"),
     ],
 )
-def test_nonsense_is_answered_with_what_to_say_instead(place: Path, line: bytes, sentence: str) -> None:
+def test_nonsense_is_answered_with_what_an_order_looks_like(place: Path, line: bytes, sentence: str) -> None:
     with manager_on(place) as heard, caller_of(place) as caller, caller.makefile("rb") as replies:
         caller.sendall(line)
         answer = read_answer(replies.readline())
@@ -174,7 +174,7 @@ def test_nonsense_is_answered_with_what_to_say_instead(place: Path, line: bytes,
     assert len(heard) == 1
 
 
-def test_who_never_ends_a_line_is_hung_up_on_and_others_are_heard(place: Path) -> None:
+def test_a_caller_that_never_ends_a_line_is_hung_up_on_and_others_are_heard(place: Path) -> None:
     with manager_on(place), caller_of(place) as caller:
         caller.sendall(b"x" * 3000)
         caller.sendall(b"x" * 3000)
@@ -191,7 +191,7 @@ def test_one_caller_too_many_is_hung_up_on(place: Path) -> None:
             caller.close()
 
 
-def test_who_hangs_up_before_the_answer_hears_none(place: Path) -> None:
+def test_a_caller_that_hangs_up_before_the_answer_gets_none(place: Path) -> None:
     with ControlSocket(place) as control:
         caller = caller_of(place)
         caller.sendall(order_line(AskStatus()))

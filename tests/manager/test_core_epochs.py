@@ -1,4 +1,4 @@
-"""One epoch after the other, as the manager's core leads them: what goes wrong on the way, and what it does then."""
+"""One epoch after the other, as the manager's core deploys them: what goes wrong on the way, and what it does then."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +35,7 @@ def stage_everywhere(manager: OneManager) -> None:
         manager.stage(pe)
 
 
-def test_a_killed_pe_is_planned_around_and_the_four_times_are_told(manager: OneManager) -> None:
+def test_a_killed_pe_is_planned_around_and_the_four_times_are_reported(manager: OneManager) -> None:
     manager.die("left")
     manager.pass_time(100 * MS)
     assert manager.requests[-1].now.down == {"pe:left"}
@@ -54,7 +54,7 @@ def test_a_killed_pe_is_planned_around_and_the_four_times_are_told(manager: OneM
     assert all(time_ns >= 0 for time_ns in told["times_ns"].values())
 
 
-def test_the_death_of_who_must_break_turns_the_wait_into_the_wait_for_its_lease(manager: OneManager) -> None:
+def test_the_death_of_a_pe_that_must_break_turns_the_wait_into_the_wait_for_its_lease(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     manager.answer()
     stage_everywhere(manager)
@@ -79,7 +79,7 @@ def test_a_fault_after_activation_leaves_the_epoch_standing_until_the_next_one(m
     assert manager.said(Lease)[-1].epoch == standing
 
 
-def test_causes_that_come_while_an_epoch_is_activated_are_told_with_the_next_one(manager: OneManager) -> None:
+def test_causes_that_come_while_an_epoch_is_activated_are_reported_with_the_next_one(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     manager.answer()
     stage_everywhere(manager)
@@ -96,7 +96,7 @@ def test_causes_that_come_while_an_epoch_is_activated_are_told_with_the_next_one
 
 
 def test_a_plan_that_runs_already_is_no_epoch(manager: OneManager) -> None:
-    useless = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 0)  # the right servo, which nobody drives
+    useless = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 0)  # the right servo, which no module drives
     manager.report("right", useless)
     manager.answer()
     assert manager.events[-1]["event"] == "plan_unchanged"
@@ -113,7 +113,7 @@ def test_a_pe_that_joins_is_given_an_epoch_even_where_the_plan_stays_the_same(ma
     assert manager.last("epoch_prepared")["pes"] == ["left", "middle", "right"]
 
 
-def test_who_joins_with_the_epoch_of_an_older_mastership_breaks_first() -> None:
+def test_a_pe_that_joins_with_the_epoch_of_an_older_mastership_breaks_first() -> None:
     manager = OneManager(term=2)
     manager.live("left", PeState.ACTIVE, epoch=5, digest=5)
     manager.live("middle", PeState.ACTIVE, epoch=5, digest=5)
@@ -122,11 +122,14 @@ def test_who_joins_with_the_epoch_of_an_older_mastership_breaks_first() -> None:
     manager.answer()
     stage_everywhere(manager)
     (step,) = manager.of("epoch_step")
-    assert (step["step"], step["waiting_for"]) == ("BREAK", ["left", "middle"])  # nobody knows what they send
+    assert (step["step"], step["waiting_for"]) == (
+        "BREAK",
+        ["left", "middle"],
+    )  # what they send is not known
     assert manager.of("pe_lost") == []
 
 
-def test_a_page_that_comes_late_tells_nothing_of_what_runs(manager: OneManager) -> None:
+def test_a_page_that_comes_late_does_not_change_what_is_known_to_run(manager: OneManager) -> None:
     page = replace(manager.running["middle"], sequence=8)
     stale = replace(page, state=PeState.UNCONFIGURED, epoch=0, digest=0)
     for sequence, lost in ((8, 0), (7, 0), (0, 0), (255, 1)):
@@ -135,7 +138,7 @@ def test_a_page_that_comes_late_tells_nothing_of_what_runs(manager: OneManager) 
         assert len(manager.of("pe_lost")) == lost
 
 
-def test_with_nobody_left_who_can_be_commanded_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
+def test_with_no_pe_left_to_command_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
     for pe in ("left", "middle", "right"):
         manager.give(OperatorSaid(1, FailElement(f"pe:{pe}")))
     assert manager.requests[-1].now.down == {"pe:left", "pe:middle", "pe:right"}
@@ -143,7 +146,7 @@ def test_with_nobody_left_who_can_be_commanded_the_empty_configuration_is_an_epo
     assert manager.last("reconfigured")["stopped"] == ["control", "drive_left"]
 
 
-def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager: OneManager) -> None:
+def test_an_epoch_too_old_to_be_remembered_is_one_that_no_manager_commanded(manager: OneManager) -> None:
     first = manager.prepared()
     for servo in ("device:servo_left", "device:servo_right") * 5:
         manager.give(OperatorSaid(1, FailElement(servo)))
@@ -155,10 +158,10 @@ def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager:
         manager.answer()
     assert manager.prepared() == (first[0] + 10, first[1])
     manager.live("left", PeState.ACTIVE, epoch=first[0], digest=first[1])
-    assert "which nobody commanded" in manager.last("pe_lost")["cause"]
+    assert "which no manager commanded" in manager.last("pe_lost")["cause"]
 
 
-def test_who_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(manager: OneManager) -> None:
+def test_a_pe_that_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(manager: OneManager) -> None:
     epoch = manager.prepared()[0]
     manager.reboot("left")
     manager.pass_time(250 * MS)
@@ -168,7 +171,7 @@ def test_who_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(ma
     assert manager.prepared()[0] > epoch
 
 
-def test_a_pe_that_dies_while_its_slice_is_sent_holds_nobody_up() -> None:
+def test_a_pe_that_dies_while_its_slice_is_sent_holds_up_no_other() -> None:
     slow = OneManager(loads(SPEC_TEXT.replace("bitrate: 1000000", "bitrate: 20000"), "slow.dg.yaml"))
     slow.start(fly=False)
     slow.answer()
@@ -184,7 +187,7 @@ def test_a_pe_that_dies_while_its_slice_is_sent_holds_nobody_up() -> None:
 
 
 def beyond_a_dead_gateway(name: str, gateway: str) -> OneManager:
-    """A manager that has just lost a gateway, and has a plan without it; who is beyond beats on for now."""
+    """A manager that has just lost a gateway, and has a plan without it; the PEs beyond beat on for now."""
     manager = OneManager(load(Path(__file__).parent.parent / "scenarios" / f"{name}.dg.yaml"))
     manager.start()
     manager.die(gateway)
@@ -193,7 +196,7 @@ def beyond_a_dead_gateway(name: str, gateway: str) -> OneManager:
     return manager
 
 
-def test_nobody_waits_for_who_is_beyond_a_dead_gateway() -> None:
+def test_an_epoch_does_not_wait_for_pes_beyond_a_dead_gateway() -> None:
     manager = beyond_a_dead_gateway("both_sides", "gateway")
     epoch, _ = manager.prepared()
     assert "wing" in manager.last("epoch_prepared")["pes"]
@@ -202,7 +205,7 @@ def test_nobody_waits_for_who_is_beyond_a_dead_gateway() -> None:
     assert manager.last("epoch_step")["epoch"] == epoch
 
 
-def test_unless_there_is_nobody_else_to_command() -> None:
+def test_an_epoch_waits_for_pes_beyond_a_dead_gateway_if_there_are_no_others() -> None:
     manager = beyond_a_dead_gateway("slow_far_bus", "gw")
     epoch, _ = manager.prepared()
     assert manager.last("epoch_step")["epoch"] != epoch
@@ -234,19 +237,19 @@ def test_what_runs_gets_a_newer_number_than_the_epoch_that_a_returning_pe_shows(
     manager = overtaken()
     assert manager.requests[-1].now.down == {"pe:left"}
     assert manager.last("plan_requested")["causes"] == ["pe:left: it runs a newer epoch"]
-    asked = len(manager.requests)
+    requested = len(manager.requests)
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested
     manager.answer()
     assert manager.last("epoch_prepared")["epoch"] == 41
     assert manager.last("epoch_prepared")["pes"] == ["middle", "right"]
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested
 
 
-def test_it_is_asked_for_again_like_any_other_plan_where_the_planner_fails() -> None:
+def test_the_plan_is_requested_again_where_the_planner_fails() -> None:
     manager = overtaken()
-    asked = len(manager.requests)
+    requested = len(manager.requests)
     manager.give(PlanFailed(manager.requests[-1].request, "it was killed"))
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested

@@ -1,4 +1,4 @@
-"""How a manager begins and ends its reign, told by what it says on the bus."""
+"""How a manager begins and ends its mastership, by what it sends on the bus."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def lease(term: int, node: int) -> Frame:
     return command_frame(Lease(term, 0, Step.PREPARED, 0), node)
 
 
-def test_an_alive_that_has_left_asks_for_nothing_of_whatever_term_it_is() -> None:
+def test_an_alive_that_has_left_has_no_effect_whatever_its_term() -> None:
     manager = OneManager()
     manager.core = ManagerCore(manager.spec, manager.node, manager.memory, manager.now_ns, tells_departures=True)
     manager.pass_time(101 * MS)
@@ -28,7 +28,7 @@ def test_an_alive_that_has_left_asks_for_nothing_of_whatever_term_it_is() -> Non
         assert manager.give(AliveLeft(Frame(manager.core.alive_id, data))) == []
 
 
-def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_is_not_asked() -> None:
+def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_gets_no_ping() -> None:
     manager = OneManager()
     manager.live("left")
     manager.report("left", FAULT)
@@ -37,7 +37,7 @@ def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_is_not_ask
     assert manager.commands == []
 
 
-def test_a_retired_manager_says_nothing_whatever_happens() -> None:
+def test_a_retired_manager_sends_nothing_whatever_happens() -> None:
     manager = OneManager()
     manager.start()
     manager.hear(lease(term=2, node=127))
@@ -49,15 +49,15 @@ def test_a_retired_manager_says_nothing_whatever_happens() -> None:
     assert len(manager.commands) == said
 
 
-def test_who_hears_its_double_says_what_is_wrong() -> None:
+def test_a_manager_that_hears_its_double_says_what_is_wrong() -> None:
     manager = OneManager()
     manager.start()
     manager.hear(lease(term=1, node=126))
-    assert manager.stops[0].startswith("another manager 126 reigns on can0, in the same term")
+    assert manager.stops[0].startswith("another manager 126 is active on can0, in the same term")
 
 
 @pytest.mark.parametrize(("own_losses", "remembered"), [(0, {}), (1, {}), (2, {"left": 2})])
-def test_what_a_receive_failed_manager_has_counted_is_not_remembered_against_anybody(
+def test_losses_counted_while_the_managers_receiver_had_failed_are_not_remembered(
     own_losses: int, remembered: dict[str, int]
 ) -> None:
     manager = OneManager()
@@ -76,24 +76,24 @@ def test_what_a_receive_failed_manager_has_counted_is_not_remembered_against_any
     assert manager.memory.quarantined == remembered
 
 
-def test_who_hears_nobody_may_find_that_another_one_is_active() -> None:
+def test_a_manager_that_heard_no_pe_may_find_that_another_one_is_active() -> None:
     manager = OneManager()
     manager.start()
     for pe in list(manager.running):
         manager.die(pe)
     manager.pass_time(100 * MS)
     manager.hear(lease(term=2, node=127))
-    assert "manager 127 already reigns" in manager.stops[0]
+    assert "manager 127 is already active" in manager.stops[0]
 
 
-def test_where_nobody_was_ever_heard_it_goes_on_speaking() -> None:
+def test_a_manager_that_never_heard_a_pe_goes_on_sending() -> None:
     manager = OneManager()
     manager.pass_time(START_UP_WINDOW_NS + 1_000 * MS)
     assert manager.of("hears_nobody") == []
     assert manager.said(Lease)[-1].term == 1
 
 
-def test_who_dies_while_others_are_awaited_is_lost_and_no_plan_is_asked_for_yet() -> None:
+def test_a_pe_that_dies_while_others_are_awaited_is_lost_and_no_plan_is_requested_yet() -> None:
     manager = OneManager()
     for pe in ("left", "middle"):
         manager.live(pe)
@@ -114,7 +114,7 @@ def test_an_epoch_is_newer_than_any_that_a_pe_runs() -> None:
     assert manager.said(Prepare)[-1].epoch == 1
 
 
-def test_it_answers_who_it_is_while_it_still_listens() -> None:
+def test_it_identifies_itself_while_it_still_listens() -> None:
     manager = OneManager()
     manager.hear(encode_service(request(Service.IDS, node_id=126)))
     assert manager.core.next_deadline_ns() == manager.now_ns

@@ -1,4 +1,4 @@
-"""The one stream of events: a flight as its snapshot tells it, and every emitter held to what is written down."""
+"""The one stream of events: a flight as its snapshot tells it, and every emitted event as it is documented."""
 
 import ast
 import json
@@ -89,7 +89,7 @@ END = [
     event("journal_failed", 4990 * MS, problem="No space left on device"),
     event("journal_kept", 4995 * MS, before="No space left on device"),
     event("second_manager", 5000 * MS, node=127, term=4),
-    event("stopped", 5000 * MS, reason="manager 127 reigns with the higher term 4"),
+    event("stopped", 5000 * MS, reason="manager 127 is active with the higher term 4"),
 ]
 
 
@@ -151,7 +151,7 @@ def test_kinds_of_a_later_version_change_nothing() -> None:
     assert reduce([{"v": 2, "t_ns": 1, "event": "landed", "where": "sea"}, {}]) == Snapshot()
 
 
-def test_an_event_says_version_time_and_kind_and_a_kind_that_nobody_knows_is_a_defect() -> None:
+def test_an_event_has_version_time_and_kind_and_an_unknown_kind_is_a_defect() -> None:
     assert event("stopped", 5, reason="done") == {"v": VERSION, "t_ns": 5, "event": "stopped", "reason": "done"}
     with pytest.raises(KeyError, match="landed"):
         event("landed", 5)
@@ -161,7 +161,7 @@ def test_an_event_says_version_time_and_kind_and_a_kind_that_nobody_knows_is_a_d
 
 
 def documented(text: str) -> set[str]:
-    """Fields of an entry of KINDS: the names before the colon, without what stands in brackets."""
+    """Fields of an entry of KINDS: the names before the colon, without what is in brackets."""
     listed = re.sub(r"\([^)]*\)|\{[^}]*\}", "", text).split(":")[0]
     return {name.strip() for name in listed.split(",")}
 
@@ -188,7 +188,7 @@ def test_every_event_that_is_emitted_is_documented_field_by_field() -> None:
     assert [(place, fields) for place, kind, fields in found if fields != documented(KINDS[kind])] == []
 
 
-def test_every_documented_event_is_emitted_by_somebody() -> None:
+def test_every_documented_event_is_emitted_somewhere() -> None:
     assert KINDS.keys() - {kind for _, kind, _ in emissions()} == set()
 
 
@@ -197,7 +197,7 @@ def test_the_flight_above_is_made_of_such_events() -> None:
         assert one.keys() - {"v", "t_ns", "event"} == documented(KINDS[one["event"]])
 
 
-def test_who_lacks_a_channel_is_known_until_it_is_back() -> None:
+def test_the_nodes_that_lack_a_channel_are_known_until_it_is_back() -> None:
     lost = [event("channel_lost", 1, channel="can0.2", by=by) for by in ("nav", "the manager", "nav")]
     view = reduce(lost)
     assert view.lost_channels == {"can0.2": ["the manager", "nav"]}

@@ -1,4 +1,4 @@
-"""Who may still be driving what: break before make, from the manager's side."""
+"""Which PE may still drive what: break before make, from the manager's side."""
 
 from pathlib import Path
 
@@ -75,14 +75,16 @@ def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Excl
     assert exclusion.demux_free_ns(placed, left, 160 * MS) is None
 
 
-def test_where_departures_are_told_a_lease_runs_out_from_the_first_alive_on_the_bus_without_it(spec: Spec) -> None:
+def test_where_the_driver_reports_alives_a_lease_counts_from_the_first_one_without_the_pe(
+    spec: Spec,
+) -> None:
     exclusion = Exclusion(spec, tells_departures=True)
     activate(exclusion, with_servo(1, "tail_pe"))
     left = ["sensor_pe", "control_pe"]
     placed = exclusion.tokens(with_servo(2, "control_pe"))
     exclusion.named(left, 65 * MS)
     assert exclusion.demux_free_ns(placed, left, 300 * MS) == 400 * MS
-    exclusion.said(PES, 301 * MS)  # an older one, that names it
+    exclusion.said(PES, 301 * MS)  # an older ALIVE, which names the PE
     assert exclusion.demux_free_ns(placed, left, 302 * MS) == 402 * MS
     exclusion.said(left, 303 * MS)
     exclusion.said(left, 304 * MS)
@@ -99,7 +101,7 @@ def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_lease(exclusion: 
     assert exclusion.demux_free_ns(placed, ["sensor_pe", "control_pe"], 100 * MS) == 170 * MS
 
 
-def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclusion) -> None:
+def test_the_identifiers_of_a_pe_declared_down_are_free_immediately(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
     exclusion.declared_down("control_pe", 0)
     placed = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
@@ -110,7 +112,7 @@ def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_silence(exclusion
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
     exclusion.named(PES, 0)
     placed, left = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe")), ["sensor_pe", "tail_pe"]
-    exclusion.slept(50 * MS)  # before it was heard
+    exclusion.slept(50 * MS)  # before the PE was heard
     exclusion.heard("control_pe")
     for _ in range(2):
         exclusion.slept(35 * MS)
@@ -118,7 +120,7 @@ def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_silence(exclusion
     assert exclusion.identifiers_free_ns(placed, left, 150 * MS) == (60 + 70 + 65) * MS
 
 
-def test_the_identifiers_of_a_pe_given_up_although_it_speaks_wait_for_its_lease_to_run_out(
+def test_the_identifiers_of_a_pe_given_up_although_it_sends_wait_for_its_lease_to_run_out(
     exclusion: Exclusion,
 ) -> None:
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
@@ -162,11 +164,11 @@ def test_a_pe_beyond_the_radio_has_a_lease_of_its_own_slower_bus() -> None:
     exclusion.activated(activated)
     exclusion.named(["ground"], 0)
     elsewhere = exclusion.tokens(Configuration({"guidance": Running("nav", "route")}))
-    # given up although it speaks: five of its own heartbeat periods of 200 ms, not of the manager's 20 ms
+    # given up although it sends: five of its own heartbeat periods of 200 ms, not of the manager's 20 ms
     assert exclusion.identifiers_free_ns(elsewhere, ["nav"], 100 * MS) == 1000 * MS
 
 
-def test_identifiers_of_who_was_declared_down_early_wait_for_three_periods_and_a_quarter() -> None:
+def test_identifiers_of_a_pe_declared_down_early_wait_for_three_periods_and_a_quarter() -> None:
     text = Path("dg_specs/elevator_and_chute.dg.yaml").read_text()
     found = Exclusion(loads(text.replace("bitrate: 1000000", "bitrate: 1000000, misses: 1"), "early.dg.yaml"))
     activate(found, with_servo(1, "tail_pe", control_on="control_pe"))
@@ -174,7 +176,7 @@ def test_identifiers_of_who_was_declared_down_early_wait_for_three_periods_and_a
     found.named(PES, 20 * MS)
     found.declared_down("control_pe", 10 * MS)
     assert found.identifiers_free_ns(placed, left, 74 * MS) == 75 * MS
-    found.named(["control_pe"], 74 * MS)  # it is back, and fails again: nothing is known of its silence
+    found.named(["control_pe"], 74 * MS)  # the PE is back, and fails again: nothing is known of its silence
     assert found.identifiers_free_ns(placed, left, 76 * MS) == 174 * MS
     found.declared_down("control_pe", 20 * MS)
     found.slept(30 * MS)

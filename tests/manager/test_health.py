@@ -1,4 +1,4 @@
-"""Suspect, ask, declare, and let back in: scenarios on the record of one PE."""
+"""Suspect, PING, declare down, and let back in: scenarios on the record of one PE."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def changes(found: list[HealthChange]) -> list[tuple[str, Change]]:
     return [(one.pe, one.change) for one in found]
 
 
-def everybody_up(spec: Spec) -> Health:
+def all_up(spec: Spec) -> Health:
     health = Health(spec, 0, 1000 * MS)
     for pe in spec.pes:
         assert changes(health.heard(pe, 1, 0)) == [(pe, Change.JOINED)]
@@ -34,8 +34,8 @@ def everybody_up(spec: Spec) -> Health:
     return health
 
 
-def test_a_new_mastership_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them_out(spec: Spec) -> None:
-    health = everybody_up(spec)
+def test_a_new_mastership_waits_for_the_given_pes_unless_the_operator_keeps_them_out(spec: Spec) -> None:
+    health = all_up(spec)
     health.tick(25 * MS)
     health.tick(65 * MS)
     health.bar("tail_pe", "failed", 70 * MS)
@@ -49,9 +49,9 @@ def test_a_new_mastership_waits_for_whom_it_is_told_to_unless_the_operator_keeps
     assert health.awaited_again() == []
 
 
-def test_a_new_mastership_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
-    health = everybody_up(spec)
-    health.await_again(PES, 70 * MS, 1000 * MS)  # all are up: for nobody
+def test_a_new_mastership_waits_no_longer_for_a_pe_that_has_begun_anew(spec: Spec) -> None:
+    health = all_up(spec)
+    health.await_again(PES, 70 * MS, 1000 * MS)  # all are up: for none
     assert not health.starting()
     health.tick(25 * MS)
     health.tick(65 * MS)
@@ -61,8 +61,8 @@ def test_a_new_mastership_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> 
     assert not health.starting()
 
 
-def test_a_new_mastership_waits_no_longer_for_who_does_not_even_speak(spec: Spec) -> None:
-    health = everybody_up(spec)
+def test_a_new_mastership_waits_no_longer_for_a_pe_that_sends_nothing(spec: Spec) -> None:
+    health = all_up(spec)
     health.tick(25 * MS)
     health.tick(65 * MS)
     health.await_again(["sensor_pe", "tail_pe"], 70 * MS, 1000 * MS)
@@ -76,15 +76,15 @@ def test_a_new_mastership_waits_no_longer_for_who_does_not_even_speak(spec: Spec
     assert not health.starting()
 
 
-def test_who_was_lost_before_the_others_fell_silent_has_lost_it_itself(spec: Spec) -> None:
-    health = everybody_up(spec)
+def test_the_loss_of_a_pe_before_the_others_fell_silent_is_not_discounted(spec: Spec) -> None:
+    health = all_up(spec)
     for at_ns in range(0, 200 * MS, PERIOD):
         for pe in PES[1:]:
             health.heard(pe, 1, at_ns)
         health.tick(at_ns)
     health.tick(230 * MS)
     health.tick(300 * MS)
-    assert health.hears_nobody(300 * MS)
+    assert health.hears_no_pe(300 * MS)
     assert health.discount_losses() == [*PES[1:]]
     assert [health.losses(pe) for pe in PES] == [1, 0, 0]
 

@@ -1,6 +1,6 @@
 """The manager's journal against kills, changed bits and full disks: what it then holds was true, and numbers rise.
 
-The judge knows the records that were written, in order, and nothing of how they are kept.
+The test knows the records that were written, in order, and nothing of how they are kept.
 """
 
 import os
@@ -143,7 +143,7 @@ def test_bytes_of_any_kind_are_read_without_an_error(data: bytes) -> None:
     assert line_content(data) is DAMAGED or checked_line(line_content(data)) == data
 
 
-def test_a_whole_line_that_is_no_record_of_ours_is_passed_over() -> None:
+def test_a_whole_line_that_is_no_record_is_ignored() -> None:
     strange = (["term", 0], ["term", 4096], ["runs", 0, 1, ""], ["new in a later version"], "text", [])
     assert [from_json(content) for content in strange] == [None] * len(strange)
     line = checked_line([1, "new in a later version"])
@@ -159,11 +159,11 @@ def test_a_line_that_is_whole_and_no_json_is_damaged() -> None:
 # What is written
 
 
-_KILLED_IN = 9  # records: some of each kind
+_KILLED_IN = 9  # records, some of each kind
 
 
 def _die_at_call(at_call: int, share: float) -> None:
-    """Let this process die at the n-th call that touches the disk; a write that is hit has written a part."""
+    """Let this process die at the n-th call that touches the disk; a write at which it dies has written a part."""
     real_write, real_fsync, real_replace = os.write, os.fsync, Path.replace
     left = at_call
 
@@ -193,7 +193,7 @@ def _die_at_call(at_call: int, share: float) -> None:
 
 
 def _written_by_a_child(folder: Path, at_call: int, share: float) -> tuple[int, bool]:
-    """How many records a process has written that dies at its n-th call, and whether it came to its end."""
+    """How many records a process has written that dies at its n-th call, and whether it reached its end."""
     told, tell = os.pipe()
     child = os.fork()
     if child == 0:
@@ -223,7 +223,7 @@ def test_killed_at_every_point_at_which_it_writes_it_is_taken_up_where_it_was(tm
     assert point > _KILLED_IN
 
 
-def test_it_is_taken_up_by_the_next_manager_and_made_short(tmp_path: Path) -> None:
+def test_the_next_manager_takes_the_journal_up_and_shortens_it(tmp_path: Path) -> None:
     with Journal(tmp_path, NODE, SPEC) as journal:
         for record in STORY:
             journal.write(record)
@@ -235,7 +235,7 @@ def test_it_is_taken_up_by_the_next_manager_and_made_short(tmp_path: Path) -> No
         assert recovered(journal.file.read_bytes())[0] == journal.memory
 
 
-def test_one_that_has_grown_long_is_made_short(tmp_path: Path) -> None:
+def test_a_journal_that_has_grown_long_is_shortened(tmp_path: Path) -> None:
     with Journal(tmp_path, NODE, SPEC) as journal:
         sizes = []
         for number in range(300):
@@ -290,7 +290,7 @@ def test_a_journal_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
 
 @contextmanager
 def full_disk(bytes_left: int = 0) -> Iterator[None]:
-    """No file of this process may grow beyond this."""
+    """No file of this process may grow beyond this (bytes)."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, hard))
     try:
@@ -299,7 +299,7 @@ def full_disk(bytes_left: int = 0) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_disk_stops_nobody_and_once_there_is_room_again_all_of_it_is_kept(tmp_path: Path) -> None:
+def test_a_full_disk_stops_no_manager_and_once_there_is_room_again_all_of_it_is_kept(tmp_path: Path) -> None:
     with Journal(tmp_path, NODE, SPEC) as journal:
         for number, record in enumerate(STORY):
             room = len(HEAD) + 40 * number if number in (3, 4, 8) else resource.RLIM_INFINITY
@@ -313,7 +313,7 @@ def test_a_full_disk_stops_nobody_and_once_there_is_room_again_all_of_it_is_kept
             assert journal.problem is not None or held == journal.memory
 
 
-def test_one_that_cannot_be_kept_from_the_start_says_so_and_remembers_what_it_is_told() -> None:
+def test_a_journal_that_cannot_be_kept_from_the_start_says_so_and_remembers_its_records() -> None:
     with Journal(Path("/proc/nowhere"), NODE, SPEC) as journal:
         assert "/proc/nowhere/manager-126.journal" in (journal.problem or "")
         journal.write(TermBegun(1))
@@ -321,9 +321,7 @@ def test_one_that_cannot_be_kept_from_the_start_says_so_and_remembers_what_it_is
         assert journal.problem is not None
 
 
-def test_a_disk_that_fails_when_it_is_asked_to_keep_what_it_has_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fails_to_keep_what_it_has_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(_: int) -> None:
         raise OSError(5, "Input/output error")
 

@@ -1,4 +1,4 @@
-"""A channel that carries nothing, as the manager knows it: told, forgotten in time, and no reason for a plan."""
+"""A channel that carries nothing, as the manager knows it: reported, forgotten in time, and no reason for a plan."""
 
 import pytest
 
@@ -40,8 +40,8 @@ def status(manager: OneManager) -> dict[str, list[str]]:
     return dict(reply.status["channels"])
 
 
-def test_it_is_told_once_for_each_who_lacks_it_and_changes_no_plan(manager: OneManager) -> None:
-    asked, answered = len(manager.requests), len(manager.answers())
+def test_a_lost_channel_makes_one_event_for_each_node_that_lacks_it_and_changes_no_plan(manager: OneManager) -> None:
+    requested, answered = len(manager.requests), len(manager.answers())
     for _ in range(3):
         manager.report("left", LOST)
     manager.give(ChannelsLost(frozenset({2})))
@@ -52,10 +52,10 @@ def test_it_is_told_once_for_each_who_lacks_it_and_changes_no_plan(manager: OneM
     manager.give(ChannelsLost(NONE))
     assert told(manager)[2:] == [("channel_back", "can0.2", "left"), ("channel_back", "can0.2", "the manager")]
     assert status(manager) == {"can0.1": [], "can0.2": []}
-    assert (len(manager.requests), len(manager.answers())) == (asked, answered)
+    assert (len(manager.requests), len(manager.answers())) == (requested, answered)
 
 
-def test_what_nobody_repeats_is_over(manager: OneManager) -> None:
+def test_a_loss_that_is_not_repeated_is_over(manager: OneManager) -> None:
     manager.report("left", LOST)
     manager.pass_time(CHANNEL_REPORT_NS)
     manager.report("left", LOST)
@@ -68,9 +68,9 @@ def test_what_nobody_repeats_is_over(manager: OneManager) -> None:
 def test_a_report_does_not_stop_what_is_under_way(manager: OneManager) -> None:
     manager.die("right")
     manager.pass_time(4 * BEAT_NS)
-    asked = len(manager.requests)
+    requested = len(manager.requests)
     manager.report("left", LOST)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested
     assert manager.of("epoch_abandoned") == []
 
 

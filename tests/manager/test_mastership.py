@@ -64,14 +64,14 @@ def test_a_state_that_was_not_reached_by_the_table_is_noticed() -> None:
         one.validate()
 
 
-def test_the_second_manager_stands_by_where_it_hears_nobody() -> None:
+def test_the_second_manager_stands_by_where_it_hears_no_other() -> None:
     turn, one = claim(node=127, standby=True)
     turn.now_ns = LEASE_NS
     assert not one.may_begin()
     assert one.state is Mastership.STANDBY
 
 
-def test_a_lower_term_makes_nobody_give_way_who_is_active() -> None:
+def test_an_active_manager_does_not_give_way_to_a_lower_term() -> None:
     turn, one = claim(standby=True)
     turn.now_ns = LEASE_NS
     assert one.begin_term()

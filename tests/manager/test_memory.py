@@ -1,4 +1,4 @@
-"""What a manager remembers over a restart: said as records while it lives, and taken up again by the next one."""
+"""What a manager remembers over a restart: kept as records while it lives, and taken up again by the next one."""
 
 import pytest
 from hypothesis import given, settings
@@ -100,7 +100,7 @@ def test_numbers_are_kept_before_the_first_frame_that_uses_them() -> None:
     assert manager.said(Prepare)[-1].epoch <= manager.memory.reserved[EPOCHS]
 
 
-def test_a_journal_that_fails_is_told_and_stops_nobody() -> None:
+def test_a_journal_that_fails_is_reported_and_stops_no_manager() -> None:
     manager = OneManager()
     manager.start()
     manager.give(JournalTold("No space left on device"))
@@ -112,7 +112,7 @@ def test_a_journal_that_fails_is_told_and_stops_nobody() -> None:
     assert manager.stops == []
 
 
-def test_one_that_only_advises_remembers_nothing() -> None:
+def test_a_manager_that_only_advises_remembers_nothing() -> None:
     manager = OneManager()
     manager.core = ManagerCore(manager.spec, 126, NOTHING, manager.now_ns, advise=True)
     manager.start(fly=False)
@@ -134,7 +134,7 @@ def test_after_the_last_term_there_is_none() -> None:
 
 
 class _TwoMasterships:
-    """Two managers that reign at the same time, on two sides of a broken bus."""
+    """Two managers that are active at the same time, on two sides of a broken bus."""
 
     def __init__(self) -> None:
         self.turns = {node: Turn(node, 0, term=next_term(node, 0)) for node in MANAGER_NODES}
@@ -163,7 +163,7 @@ class _TwoMasterships:
 
 @given(st.lists(st.tuples(st.sampled_from(MANAGER_NODES), st.sampled_from("grrsgggg")), max_size=120))
 @settings(max_examples=part_of(100))
-def test_no_epoch_number_is_given_twice_by_whomever_and_after_whatever_restart(steps: list[tuple[int, str]]) -> None:
+def test_no_epoch_number_is_used_twice_by_either_manager_after_any_restart(steps: list[tuple[int, str]]) -> None:
     is_active, given_by = _TwoMasterships(), dict.fromkeys(MANAGER_NODES, 0)
     numbers: set[int] = set()
     for node, what in steps:

@@ -1,4 +1,4 @@
-"""What the operator says to a manager in flight, what PEs ask of it, and what it tells when it is asked."""
+"""What the operator orders a manager to do in flight, what PEs request of it, and what its status tells."""
 
 from typing import Any
 
@@ -55,7 +55,7 @@ def request(phase: int, detail: int) -> Emergency:
 # Phases
 
 
-def test_a_phase_that_there_is_not_is_refused_with_what_there_is(manager: OneManager) -> None:
+def test_an_unknown_phase_is_refused_with_the_nearest_name(manager: OneManager) -> None:
     reply = say(manager, EnterPhase("glied"))
     assert not reply.done
     assert "did you mean 'glide'" in reply.sentence
@@ -99,7 +99,7 @@ def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) ->
     assert manager.requests[-1].now.down == {"pe:left"}
 
 
-def test_a_channel_is_not_failed_for_nothing_would_be_planned_otherwise(manager: OneManager) -> None:
+def test_a_channel_is_not_failed_since_the_plan_would_be_the_same(manager: OneManager) -> None:
     text = SPEC_TEXT.replace("{bitrate: 1000000}", "{bitrate: 1000000, channels: 2}")
     twice = OneManager(loads(text, "twice.dg.yaml"))
     twice.start()
@@ -131,7 +131,7 @@ def test_orders_wait_until_the_manager_is_active_and_a_question_does_not() -> No
     assert told["functions"]["elevator"]["why_not"] == "nothing runs yet"
 
 
-def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manager: OneManager) -> None:
+def test_the_status_tells_what_runs_what_is_served_and_which_phases_no_pe_watches(manager: OneManager) -> None:
     told = status(manager)
     assert (told["epoch"], told["stage"], told["next"]) == (1, "done", None)
     assert told["pes"]["left"] == {
@@ -161,12 +161,12 @@ def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manag
 # The lock
 
 
-def test_who_only_advises_unlocks_nothing() -> None:
+def test_a_manager_that_only_advises_unlocks_nothing() -> None:
     core = ManagerCore(two_tails(), 126, NOTHING, 0, advise=True, key=Key(b"k" * 32))
     core.step(6 * BEAT_NS, Tick())
     (reply,) = core.step(6 * BEAT_NS, OperatorSaid(1, UnlockPe("pe:left")))
     assert isinstance(reply, Reply)
-    assert (reply.done, reply.sentence) == (False, "this manager only advises: say it to the one that reigns")
+    assert (reply.done, reply.sentence) == (False, "this manager only advises: give the order to the active manager")
 
 
 def test_what_its_pe_gives_up_after_the_operator_has_failed_it_runs_again_with_a_new_epoch(manager: OneManager) -> None:
@@ -182,7 +182,7 @@ def test_what_its_pe_gives_up_after_the_operator_has_failed_it_runs_again_with_a
     assert manager.prepared()[0] != epoch
 
 
-# Requests for a phase, over losses and reigns
+# Requests for a phase, over losses and masterships
 
 
 def test_a_request_counts_once_though_its_pe_was_lost_before_it_was_answered(manager: OneManager) -> None:

@@ -21,7 +21,7 @@ def spec() -> Spec:
 
 
 def planned(spec: Spec, *down: str) -> Plan:
-    """Plan, and have the plan checked by the judge and by brute force."""
+    """Plan, and check the plan by the verifier and by brute force."""
     now = situation(spec, down)
     found = plan(spec, now)
     assert found.optimal

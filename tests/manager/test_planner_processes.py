@@ -1,4 +1,4 @@
-"""The policy with the real planners behind it, each in its own process: what happens next is planned before it does."""
+"""The policy with the real planners behind it, each in its own process: what may come next is planned ahead."""
 
 import select
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ class Flown:
         self.processes = PlannerProcesses(self.policy, planner, lambda: pre_planner)
 
     def settle(self, now: Situation, running: Placement) -> None:
-        """Let this run until all that is ahead is planned."""
+        """Let this run until every question ahead is planned."""
         assert self.processes.take(Settled(now, running)) == []
         while self.policy.is_pre_planning:
             assert self.wait() == []
@@ -41,19 +41,19 @@ class Flown:
         select.select(self.processes.readers(), [], [])
         return self.processes.poll()
 
-    def immediate(self, asked: RequestPlan) -> PlanReady:
-        (answer,) = self.processes.take(asked)
+    def immediate(self, plan_request: RequestPlan) -> PlanReady:
+        (answer,) = self.processes.take(plan_request)
         assert isinstance(answer, PlanReady)
-        assert answer.request == asked.request
+        assert answer.request == plan_request.request
         return answer
 
-    def later(self, asked: RequestPlan) -> PlanReady:
-        assert self.processes.take(asked) == []
+    def later(self, plan_request: RequestPlan) -> PlanReady:
+        assert self.processes.take(plan_request) == []
         while not (answers := self.wait()):
             pass
         (answer,) = answers
         assert isinstance(answer, PlanReady)
-        assert answer.request == asked.request
+        assert answer.request == plan_request.request
         return answer
 
 
@@ -63,7 +63,7 @@ def flown() -> Iterator[Flown]:
         yield Flown(SPEC, planner, pre_planner)
 
 
-def test_what_was_not_foreseen_gets_a_plan_at_once_and_the_best_one_in_background(flown: Flown) -> None:
+def test_what_was_not_pre_planned_gets_an_immediate_plan_and_the_best_one_in_the_background(flown: Flown) -> None:
     answer = flown.immediate(RequestPlan(1, TAIL_LOST, RUNNING))
     assert not answer.plan.optimal
     assert answer.plan.functions["parachute"].served
@@ -99,7 +99,7 @@ def test_a_question_does_not_wait_for_those_ahead(flown: Flown) -> None:
     assert flown.immediate(RequestPlan(2, TAIL_LOST, RUNNING)).plan.optimal
 
 
-def test_what_the_planner_cannot_answer_is_told(flown: Flown) -> None:
+def test_what_the_planner_cannot_answer_is_reported(flown: Flown) -> None:
     nowhere = Situation(phase="nowhere")
     assert flown.processes.take(RequestPlan(1, nowhere, None)) == []
     while not (answers := flown.wait()):

@@ -1,4 +1,4 @@
-"""What the planner does about each rule and each level, one story at a time, on specs of a few modules."""
+"""What the planner does about each semantics rule and each level, one story at a time, on specs of a few modules."""
 
 from collections.abc import Iterable
 

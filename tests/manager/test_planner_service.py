@@ -1,4 +1,4 @@
-"""The planner's process: warm, asked over pipes, never silent, gone with its client."""
+"""The planner's process: warm, queried over pipes, never silent, gone with its client."""
 
 import json
 import os
@@ -81,7 +81,7 @@ def test_a_blocking_question_does_not_take_the_answer_of_another_one(spec: Spec,
     assert [answer.request for answer in answers(client, 1)] == [1]
 
 
-def test_what_was_cancelled_is_not_answered_and_the_next_request_is(spec: Spec, client: PlannerClient) -> None:
+def test_a_cancelled_request_is_not_answered_and_the_next_one_is(spec: Spec, client: PlannerClient) -> None:
     fileno = client.fileno()
     client.request(1, situation(spec), None)
     client.request(2, situation(spec), None)
@@ -151,7 +151,7 @@ def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:
     os.close(ours)
 
 
-def test_with_nobody_left_to_answer_it_ends_without_a_word() -> None:
+def test_with_no_client_left_to_answer_the_process_ends_without_a_message() -> None:
     with FILE.open("rb") as file:
         started = subprocess.Popen(
             [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno())],
@@ -168,7 +168,7 @@ def test_with_nobody_left_to_answer_it_ends_without_a_word() -> None:
     assert started.returncode == 0
 
 
-def test_requests_and_answers_survive_their_way(spec: Spec) -> None:
+def test_requests_and_answers_are_read_back_as_they_were_written(spec: Spec) -> None:
     request = Request(3, situation(spec, ["device:gps"], ["bus:can0=33.3%"]), {"gps_driver": ("only", "sensor_pe")})
     assert read_request(request_line(request), spec) == request
     best = plan(spec, situation(spec))

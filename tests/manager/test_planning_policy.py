@@ -43,29 +43,29 @@ LOSSES = [Situation(frozenset({f"pe:{pe}"})) for pe in SPEC.pes]
 
 
 class Ahead:
-    """A policy, and what its pre-planner is asked."""
+    """A policy, and the questions that its pre-planner gets."""
 
     def __init__(self, policy: PlanningPolicy) -> None:
-        self.policy, self.asked = policy, list[Question]()
+        self.policy, self.plan_request = policy, list[Question]()
 
     def settle(self, now: Situation = WELL, running: Placement = RUNNING, plan: Plan | None = BEST) -> list[Question]:
         """Settle, and answer all questions ahead; gives them."""
-        self.asked, instructions = [], self.policy.step(Settled(now, running))
+        self.plan_request, instructions = [], self.policy.step(Settled(now, running))
         while instructions:
             (instruction,) = instructions
             assert isinstance(instruction, PrePlan)
-            self.asked.append(instruction.question)
+            self.plan_request.append(instruction.question)
             instructions = self.policy.step(PrePlannerAnswered(instruction.number, plan))
         assert not self.policy.is_pre_planning
-        return self.asked
+        return self.plan_request
 
     def knows(self, now: Situation, running: Placement = RUNNING) -> bool:
         return source(self.policy, RequestPlan(1, now, running)) is Source.PRE_PLANNED
 
 
-def source(policy: PlanningPolicy, asked: RequestPlan) -> Source | None:
-    """Where the answer comes from; None: the planner is asked."""
-    (instruction,) = policy.step(asked)
+def source(policy: PlanningPolicy, plan_request: RequestPlan) -> Source | None:
+    """Where the answer comes from; None: the planner is plan_request."""
+    (instruction,) = policy.step(plan_request)
     return instruction.source if isinstance(instruction, Answer) else None
 
 
@@ -93,16 +93,14 @@ def _planned(one: SweepQuestion) -> Outcome:
 
 
 class TestQuestions:
-    def test_an_immediate_one_is_answered_at_once_by_a_plan_that_the_verifier_accepts(
-        self, policy: PlanningPolicy
-    ) -> None:
+    def test_an_immediate_one_is_answered_by_a_plan_that_the_verifier_accepts(self, policy: PlanningPolicy) -> None:
         (answer,) = policy.step(RequestPlan(7, TAIL_LOST, RUNNING))
         assert answer == Answer(PlanReady(7, GREEDY.plan(TAIL_LOST, RUNNING)), Source.IMMEDIATE)
 
     @pytest.mark.parametrize("in_background", [False, True])
     def test_one_in_the_background_is_for_the_planner(self, policy: PlanningPolicy, in_background: bool) -> None:
-        asked = RequestPlan(7, WELL, RUNNING if in_background else None, in_background)
-        assert policy.step(asked) == [AskPlanner(asked)]
+        plan_request = RequestPlan(7, WELL, RUNNING if in_background else None, in_background)
+        assert policy.step(plan_request) == [AskPlanner(plan_request)]
         ready = PlanReady(7, BEST)
         assert policy.step(PlannerAnswered(ready)) == [Answer(ready, Source.PLANNER)]
 
@@ -123,16 +121,18 @@ class TestQuestions:
         assert source(policy, RequestPlan(2, TAIL_LOST, RUNNING)) is Source.IMMEDIATE
         assert source(policy, RequestPlan(3, TAIL_LOST, RUNNING, in_background=True)) is None
 
-    @pytest.mark.parametrize("asked", [RequestPlan(1, WELL, None), RequestPlan(1, WELL, RUNNING, in_background=True)])
-    def test_without_a_solver_every_one_is_immediate(self, asked: RequestPlan) -> None:
-        assert source(PlanningPolicy(SPEC, GREEDY, has_planner=False), asked) is Source.IMMEDIATE
+    @pytest.mark.parametrize(
+        "plan_request", [RequestPlan(1, WELL, None), RequestPlan(1, WELL, RUNNING, in_background=True)]
+    )
+    def test_without_a_solver_every_one_is_immediate(self, plan_request: RequestPlan) -> None:
+        assert source(PlanningPolicy(SPEC, GREEDY, has_planner=False), plan_request) is Source.IMMEDIATE
 
     def test_without_an_immediate_planner_every_one_is_for_the_planner(self) -> None:
-        asked = RequestPlan(1, TAIL_LOST, RUNNING)
-        assert PlanningPolicy(SPEC, None, has_planner=True).step(asked) == [AskPlanner(asked)]
+        plan_request = RequestPlan(1, TAIL_LOST, RUNNING)
+        assert PlanningPolicy(SPEC, None, has_planner=True).step(plan_request) == [AskPlanner(plan_request)]
 
-    def test_somebody_has_to_plan(self) -> None:
-        with pytest.raises(InvariantError, match="there is nobody to plan"):
+    def test_there_has_to_be_a_planner(self) -> None:
+        with pytest.raises(InvariantError, match="there is no planner"):
             PlanningPolicy(SPEC, None, has_planner=False)
 
 
@@ -145,18 +145,18 @@ class Overloading:
 
 
 class TestARefusedGreedyPlan:
-    asked = RequestPlan(7, TAIL_LOST, RUNNING)
+    plan_request = RequestPlan(7, TAIL_LOST, RUNNING)
     refusal = verify(SPEC, TAIL_LOST, BEST.configuration)[0]
 
     def test_is_not_flown_and_the_planner_is_asked(self) -> None:
         policy = PlanningPolicy(SPEC, Overloading(), has_planner=True)
-        assert policy.step(self.asked) == [AskPlanner(self.asked, self.refusal)]
+        assert policy.step(self.plan_request) == [AskPlanner(self.plan_request, self.refusal)]
         assert len(policy.step(PlannerAnswered(PlanReady(7, BEST)))) == 1
 
     def test_fails_the_question_where_there_is_no_planner(self) -> None:
         policy = PlanningPolicy(SPEC, Overloading(), has_planner=False)
         failed = PlanFailed(7, f"the greedy plan is not legal: {self.refusal}")
-        assert policy.step(self.asked) == [Answer(failed, Source.IMMEDIATE)]
+        assert policy.step(self.plan_request) == [Answer(failed, Source.IMMEDIATE)]
 
 
 class TestContingencies:
@@ -179,7 +179,7 @@ class TestContingencies:
     def test_none_is_looked_up_while_a_bus_is_limited(self) -> None:
         class Table(ContingencyTable):
             def __init__(self) -> None:
-                """Know nothing: it must not be asked."""
+                """Know nothing: no plan may be looked up."""
 
             def plan(self, *_: object) -> NoReturn:
                 raise AssertionError("its plans are for whole buses")
@@ -198,15 +198,15 @@ class TestContingencies:
 
 
 class TestPrePlanning:
-    def test_each_loss_is_asked_in_the_order_of_the_spec(self, ahead: Ahead) -> None:
+    def test_each_loss_is_pre_planned_in_the_order_of_the_spec(self, ahead: Ahead) -> None:
         assert ahead.settle() == [Question(lost, RUNNING) for lost in LOSSES]
         assert all(ahead.knows(lost) for lost in LOSSES)
 
-    def test_each_return_is_asked_after_the_losses(self, ahead: Ahead) -> None:
+    def test_each_return_is_pre_planned_after_the_losses(self, ahead: Ahead) -> None:
         down = Situation(frozenset({"pe:tail_pe", "device:gps"}))
-        asked = [one.now.down for one in ahead.settle(down)]
-        assert asked[-1] == {"device:gps"}
-        assert len(asked) == len(SPEC.pes)
+        plan_request = [one.now.down for one in ahead.settle(down)]
+        assert plan_request[-1] == {"device:gps"}
+        assert len(plan_request) == len(SPEC.pes)
 
     def test_the_next_phase_comes_last_and_the_last_phase_has_none(self) -> None:
         phases = "phases: {climb: {}, glide: {}, land: {}}\n"
@@ -228,7 +228,7 @@ class TestPrePlanning:
         ahead.settle(running=other, plan=None)
         assert not ahead.knows(TAIL_LOST)
 
-    def test_what_is_known_is_not_asked_again(self, ahead: Ahead) -> None:
+    def test_what_is_known_is_not_pre_planned_again(self, ahead: Ahead) -> None:
         ahead.settle()
         assert ahead.settle() == []
         assert ahead.knows(TAIL_LOST)
@@ -242,10 +242,10 @@ class TestPrePlanning:
         assert isinstance(first, PrePlan)
         assert policy.step(Settled(WELL, RUNNING)) == []
         assert policy.is_pre_planning
-        asked = [first]
-        while found := policy.step(PrePlannerAnswered(asked[-1].number, BEST)):
-            asked += [one for one in found if isinstance(one, PrePlan)]
-        assert [one.question.now for one in asked] == LOSSES
+        plan_request = [first]
+        while found := policy.step(PrePlannerAnswered(plan_request[-1].number, BEST)):
+            plan_request += [one for one in found if isinstance(one, PrePlan)]
+        assert [one.question.now for one in plan_request] == LOSSES
 
     def test_a_doubled_answer_is_dropped(self, policy: PlanningPolicy) -> None:
         (first,) = policy.step(Settled(WELL, RUNNING))
@@ -255,7 +255,7 @@ class TestPrePlanning:
         assert policy.step(PrePlannerAnswered(first.number, BEST)) == []
         assert source(policy, RequestPlan(1, second.question.now, RUNNING)) is Source.IMMEDIATE
 
-    def test_an_answer_that_nobody_waits_for_is_dropped(self, policy: PlanningPolicy) -> None:
+    def test_an_answer_that_is_not_awaited_is_dropped(self, policy: PlanningPolicy) -> None:
         assert policy.step(PrePlannerAnswered(1, BEST)) == []
 
     def test_a_late_answer_is_kept_under_its_own_question(self, policy: PlanningPolicy) -> None:

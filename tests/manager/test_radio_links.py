@@ -1,4 +1,4 @@
-"""What the manager makes of a gateway's reports: a limit in steps, a loss of all who are beyond, and a return."""
+"""What follows from a gateway's reports: a limit in steps, a loss of all PEs beyond, and a return."""
 
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -44,12 +44,12 @@ PERIOD_NS = 200 * MS
 
 @dataclass
 class Link:
-    """A gateway that reports, and what the manager makes of it."""
+    """A gateway that reports, and the manager's record of it."""
 
     links: RadioLinks = field(default_factory=lambda: RadioLinks(SPEC))
     now_ns: int = 0
     sequence: int = 0
-    anybody_beyond: bool = True
+    any_pe_beyond: bool = True
     changes: list[tuple[str, int]] = field(default_factory=list)
 
     def report(self, usable: int, state: LinkState = LinkState.UP, *, node: int = 93) -> None:
@@ -58,7 +58,7 @@ class Link:
         self.say(LinkReport(node, state, self.sequence, usable, 100, 0, 0).encode())
 
     def say(self, data: bytes) -> None:
-        heard = self.links.heard(Frame(RADIO.link_id, data), self.now_ns, anybody_beyond=self.anybody_beyond)
+        heard = self.links.heard(Frame(RADIO.link_id, data), self.now_ns, any_pe_beyond=self.any_pe_beyond)
         self.changes += [(change.what, change.step) for change in heard]
 
     def repeat(self, usable: int, times: int) -> None:
@@ -68,19 +68,19 @@ class Link:
 
 @pytest.fixture
 def link() -> Link:
-    """A radio that is well, with somebody beyond."""
+    """A radio that is well, with a PE beyond."""
     found = Link()
     found.report(1000)
     return found
 
 
-def test_the_radios_of_a_spec_with_their_gateways_and_who_is_lost_with_them() -> None:
+def test_the_radios_of_a_spec_with_their_gateways_and_the_pes_that_are_lost_with_them() -> None:
     assert (RADIO.link_id, RADIO.gateway, RADIO.beyond) == (291, "comms", {"ground", "wheels"})
     assert (ROVER.link_id, ROVER.gateway, ROVER.beyond) == (292, "ground", {"wheels"})
 
 
 def test_a_gateway_that_starts_anew_counts_anew(link: Link) -> None:
-    """Its first reports look like late ones of before, unless it is known that it was away."""
+    """Its first reports look like late ones of before, unless it is known that the gateway was away."""
     link.repeat(1000, 3)
     link.sequence = 0
     link.repeat(500, 2)
@@ -111,16 +111,16 @@ def test_more_bandwidth_counts_after_a_hold_down_as_low_as_it_was_meanwhile(link
     assert link.links.limits() == {}
 
 
-def test_gone_and_back_and_who_returns_finds_the_step_of_the_moment(link: Link) -> None:
+def test_gone_and_back_and_a_pe_that_returns_finds_the_step_of_the_moment(link: Link) -> None:
     link.report(0, LinkState.GONE)
     link.report(0, LinkState.GONE)
     assert link.changes == [("gone", 0)]
     assert link.links.limits() == {}
-    link.anybody_beyond = False
+    link.any_pe_beyond = False
     for usable in (300, 90, 170):
         link.report(usable)
     assert link.changes[1:] == [("back", 1000), ("limited", 250), ("limited", 80), ("limited", 160)]
-    link.anybody_beyond = True
+    link.any_pe_beyond = True
     link.report(1000)
     assert link.changes[-1] == ("limited", 160)
 
@@ -149,7 +149,7 @@ def test_a_radio_that_falls_again_and_again_is_held_down_longer_and_forgiven_aft
     assert link.links.limits() == {}
 
 
-def test_a_gateway_that_was_restarted_is_listened_to(link: Link) -> None:
+def test_the_reports_of_a_restarted_gateway_count(link: Link) -> None:
     link.sequence = 30
     link.report(1000)
     link.sequence = 0
@@ -173,18 +173,18 @@ class Flight(OneManager):
             self.hear(Frame(RADIO.link_id, frame))
 
 
-def test_a_limit_that_the_plan_does_not_feel_asks_for_no_plan() -> None:
+def test_a_limit_above_what_the_plan_uses_leads_to_no_plan() -> None:
     flight = Flight()
-    asked = len(flight.requests)
+    requested = len(flight.requests)
     flight.report(700, times=2)
     assert flight.last("link_limited")["share"] == "60%"
-    assert len(flight.requests) == asked
+    assert len(flight.requests) == requested
     flight.report(1000, times=12)
     assert flight.last("link_limited")["share"] == "100%"
-    assert len(flight.requests) == asked, "what was planned for all of it is as good again"
+    assert len(flight.requests) == requested, "what was planned for all of it is as good again"
 
 
-def test_a_limit_that_the_plan_feels_is_a_fault_with_a_number() -> None:
+def test_a_limit_below_what_the_plan_uses_is_a_fault_with_a_number() -> None:
     flight = Flight()
     flight.report(100, times=2)
     request = flight.requests[-1]

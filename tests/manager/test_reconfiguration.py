@@ -1,4 +1,4 @@
-"""The manager's half of the two phases, one epoch at a time: who is asked for what, how often, and for how long."""
+"""The manager's half of the two phases, one epoch at a time: what it asks which PE, how often, and for how long."""
 
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.objective import score
@@ -62,7 +62,7 @@ def said(epoch: Reconfiguration) -> list[Prepare | SliceHead | SliceBody | Activ
 def run(
     epoch: Reconfiguration, from_ns: int, to_ns: int
 ) -> tuple[list[Prepare | SliceHead | SliceBody | Activate], list[str]]:
-    """Let time pass, deadline by deadline; gives what was said and who is overdue."""
+    """Let time pass, deadline by deadline; gives what was sent and which PEs are overdue."""
     messages, overdue = said(epoch), []
     now_ns = from_ns
     while (due_ns := epoch.next_deadline_ns()) is not None and due_ns <= to_ns:
@@ -82,7 +82,7 @@ def test_a_late_timer_sends_no_flood() -> None:
     assert len(said(epoch)) == 1
 
 
-def test_a_body_that_is_asked_for_is_sent_once_and_again_only_with_the_next_try() -> None:
+def test_a_requested_body_is_sent_once_and_again_only_with_the_next_try() -> None:
     epoch = opened(knows=("left",))
     said(epoch)
     for _ in range(3):
@@ -91,7 +91,7 @@ def test_a_body_that_is_asked_for_is_sent_once_and_again_only_with_the_next_try(
     assert [message.index for message in messages if isinstance(message, SliceBody)] == [1, 2]
 
 
-def test_nobody_who_is_no_participant_can_move_an_epoch() -> None:
+def test_a_pe_that_is_no_participant_cannot_move_an_epoch() -> None:
     epoch = opened()
     staged(epoch, *PES)
     epoch.drop("left")
@@ -109,7 +109,7 @@ def test_a_state_frame_of_the_epoch_proves_that_it_was_staged() -> None:
     assert epoch.all_staged()
 
 
-def test_it_waits_for_those_who_must_break_and_for_identifiers_that_are_not_free() -> None:
+def test_it_waits_for_pes_that_must_break_and_for_identifiers_that_are_not_free() -> None:
     epoch = opened(knows=("left",))
     staged(epoch, *PES)
     epoch.identifiers_free_ns = 50 * MS
@@ -126,7 +126,7 @@ def test_it_waits_for_those_who_must_break_and_for_identifiers_that_are_not_free
     assert epoch.stage is Stage.GOING
 
 
-def test_nobody_waits_for_a_pe_beyond_a_radio_but_it_is_served_all_the_same() -> None:
+def test_an_epoch_does_not_wait_for_a_pe_beyond_a_radio_but_serves_it() -> None:
     epoch = opened(awaited=("left", "middle"))
     staged(epoch, "left", "middle")
     assert epoch.all_staged()
@@ -142,7 +142,7 @@ def test_nobody_waits_for_a_pe_beyond_a_radio_but_it_is_served_all_the_same() ->
     assert [message.step for message in messages if isinstance(message, Activate)][-1] is Step.GO_ALL
 
 
-def test_who_must_break_is_awaited_even_beyond_a_radio() -> None:
+def test_a_pe_that_must_break_is_awaited_even_beyond_a_radio() -> None:
     epoch = opened(awaited=("left", "middle"))
     staged(epoch, *PES)
     epoch.activate({"right"}, 0)
@@ -159,18 +159,18 @@ def called_by_number(*on_board: str) -> Reconfiguration:
     return epoch
 
 
-def test_who_does_not_answer_to_a_number_gets_prepare_again_and_no_slice() -> None:
+def test_a_pe_that_does_not_answer_to_a_number_gets_prepare_again_and_no_slice() -> None:
     messages, _ = run(called_by_number(*PES), 0, BEAT_NS + MS)
     assert [type(message) for message in messages] == [Prepare, Prepare]
 
 
-def test_who_does_not_have_it_on_board_after_all_gets_its_slice() -> None:
+def test_a_pe_that_does_not_have_it_on_board_after_all_gets_its_slice() -> None:
     epoch = called_by_number("left", "right")
     staged(epoch, "right")
     said(epoch)
     for _ in range(2):
-        for pe in (*PES, "nobody"):
+        for pe in (*PES, "unknown"):
             epoch.not_on_board(pe, MS)
     messages, _ = run(epoch, MS, 5 * MS)
     slices = [(m.node, getattr(m, "index", 0)) for m in messages if isinstance(m, SliceHead | SliceBody)]
-    assert slices == [(92, 0), (92, 1), (92, 2)]  # the middle one has had its head, and needs no more
+    assert slices == [(92, 0), (92, 1), (92, 2)]  # the middle PE has got its head, and needs no more

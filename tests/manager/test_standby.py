@@ -1,4 +1,4 @@
-"""A manager that stands by: what makes it take over, and what it knows then."""
+"""A standby manager: what makes it take over, and what it knows then."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -48,7 +48,7 @@ FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
 
 
 class Pair:
-    """A manager that reigns, one that stands by, and the three PEs that both hear."""
+    """An active manager, a standby manager, and the three PEs that both hear."""
 
     def __init__(self, memory: Memory = NOTHING) -> None:
         self.primary = OneManager(PHASES)
@@ -61,7 +61,7 @@ class Pair:
         self.fly(10 * BEAT_NS)
 
     def share(self) -> None:
-        """Let the standby hear what the primary has said."""
+        """Let the standby manager hear what the active one has sent."""
         for frame in self.primary.frames[self._told :]:
             self.standby.hear(frame)
         self._told = len(self.primary.frames)
@@ -74,7 +74,7 @@ class Pair:
             self.standby.pass_time(MS)
 
     def orphan(self, *pes: str) -> None:
-        """The primary is dead: time passes for the standby, and these PEs say that they hear nobody."""
+        """The active manager is dead: time passes for the standby, and these PEs report that they hear no LEASE."""
         self.standby.pass_time(LEASE_NS + MS)
         for pe in pes:
             self.say(pe, PeFlags(0))
@@ -106,8 +106,8 @@ def state(manager: OneManager) -> str:
     return str(manager.core.status()["manager"]["state"])
 
 
-def test_who_was_not_heard_here_alone_is_not_held_down_when_its_manager_dies(pair: Pair) -> None:
-    """It missed `left` for a while; the manager counted on it to the last, and it runs what it was given."""
+def test_a_pe_that_only_the_standby_did_not_hear_is_not_held_down_when_the_manager_dies(pair: Pair) -> None:
+    """The standby missed `left` for a while; the manager named it to the last, and it runs what it was given."""
     page = pair.standby.running["left"]
     pair.standby.die("left")
     pair.fly(6 * BEAT_NS)
@@ -121,8 +121,8 @@ def test_who_was_not_heard_here_alone_is_not_held_down_when_its_manager_dies(pai
     assert pair.standby.requests[-1].in_background
 
 
-def test_what_runs_is_not_adopted_where_somebody_shows_a_newer_epoch(pair: Pair) -> None:
-    """`left` was lost, and runs a newer epoch than all others when their manager dies; it is held down."""
+def test_what_runs_is_not_adopted_where_a_pe_shows_a_newer_epoch(pair: Pair) -> None:
+    """`left` was lost, and runs a newer epoch than all others when the manager dies; it is held down."""
     page = pair.standby.running["left"]
     for manager in (pair.primary, pair.standby):
         manager.die("left")
@@ -139,7 +139,7 @@ def test_what_runs_is_not_adopted_where_somebody_shows_a_newer_epoch(pair: Pair)
     assert is_newer(pair.standby.said(Prepare)[-1].epoch, newer)
 
 
-def test_who_has_been_restarted_since_is_held_down_also_by_the_next_manager(pair: Pair) -> None:
+def test_a_pe_that_was_restarted_since_is_held_down_also_by_the_next_manager(pair: Pair) -> None:
     page = pair.standby.running["left"]
     pair.standby.die("left")
     pair.fly(6 * BEAT_NS)
@@ -151,7 +151,7 @@ def test_who_has_been_restarted_since_is_held_down_also_by_the_next_manager(pair
     assert pair.standby.requests[-1].now.down == {"pe:left"}
 
 
-def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(pair: Pair) -> None:
+def test_a_pe_that_died_with_the_manager_is_a_fault_of_what_was_adopted(pair: Pair) -> None:
     pair.standby.die("left")
     pair.standby.pass_time(LEASE_NS + MS)
     for pe in ("right", "middle"):
@@ -174,7 +174,7 @@ def test_a_pe_that_restarted_in_between_is_given_what_runs(pair: Pair) -> None:
     assert pair.standby.said(Prepare)[-1].epoch == pair.standby.last("adopted")["epoch"]
 
 
-def test_what_it_has_not_heard_it_finds_out_by_planning() -> None:
+def test_the_standby_finds_out_by_planning_what_it_has_not_heard() -> None:
     pair = Pair()
     pair.standby = standing_by()
     pair.share()
@@ -190,7 +190,7 @@ def test_what_it_has_not_heard_it_finds_out_by_planning() -> None:
     assert pair.standby.said(Prepare) == []
 
 
-def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair) -> None:
+def test_phase_and_faults_are_announced_by_the_manager_and_go_on_after_it(pair: Pair) -> None:
     pair.primary.give(OperatorSaid(1, EnterPhase("glide")))
     pair.primary.report("left", FAULT)
     pair.primary.give(OperatorSaid(2, FailElement("pe:right")))
@@ -205,7 +205,7 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
     assert pair.standby.requests[-1].now.down >= {"pe:right"}
 
 
-def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
+def test_what_names_nothing_in_the_spec_is_ignored(pair: Pair) -> None:
     before = pair.standby.memory
     for kind, index in ((ElementKind.PHASE, 9), (ElementKind.DEVICE, 9), (99, 0)):
         told = Control(1, 0, Operation.HOLDS, kind, index)
@@ -213,7 +213,7 @@ def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
     assert pair.standby.memory == before
 
 
-def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_is_active(pair: Pair) -> None:
+def test_a_fault_that_a_pe_reports_is_left_to_the_active_manager(pair: Pair) -> None:
     pair.standby.report("left", FAULT)
     assert pair.standby.frames == []
     assert pair.standby.memory.latched == {}
@@ -243,14 +243,14 @@ def test_in_flight_127_waits_for_126_no_longer_than_three_leases() -> None:
     assert manager.said(Lease)[0].term == 2
 
 
-def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
+def test_states_that_say_nothing_new_lead_to_no_take_over(pair: Pair) -> None:
     for pe in PHASES.pes:
-        pair.say(pe, PeFlags(0))  # they have missed it; the standby has not
+        pair.say(pe, PeFlags(0))  # they have missed the LEASE; the standby has not
     assert state(pair.standby) == "standby"
     assert pair.standby.running["left"].state is PeState.ACTIVE
 
 
-def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
+def test_a_manager_that_has_not_heard_all_pes_yet_waits_with_its_plan() -> None:
     standby = standing_by()
     standby.hear(command_frame(Lease(1, 0, Step.PREPARED, 0)))
     for pe in ("left", "middle"):
@@ -264,7 +264,7 @@ def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
     assert standby.requests[-1].now.down == {"pe:right"}
 
 
-def test_with_a_key_what_a_manager_says_that_nobody_follows_is_passed_over(pair: Pair) -> None:
+def test_with_a_key_the_commands_of_a_manager_that_is_not_followed_are_ignored(pair: Pair) -> None:
     standby = standing_by()
     standby.core = ManagerCore(PHASES, 127, NOTHING, standby.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
     for frame in pair.primary.frames:
@@ -274,7 +274,7 @@ def test_with_a_key_what_a_manager_says_that_nobody_follows_is_passed_over(pair:
 
 
 class LateWithAKey:
-    """A standby with a key, started when the PEs had long proven themselves to the manager: it believes none."""
+    """A standby with a key, started when the PEs had long proven themselves to the manager: it can believe none."""
 
     def __init__(self) -> None:
         self.one = standing_by()
@@ -285,13 +285,13 @@ class LateWithAKey:
         self.one.hear(*self.manager.frames(message))
 
     def hear_all(self, flags: PeFlags) -> None:
-        """Every PE says what it runs, with a tag that nobody here can look into."""
+        """Let every PE report what it runs, with a tag that the standby cannot check."""
         for pe in PHASES.pes:
             self.one.hear(Frame(self.one.state_id(pe), StatePage0(PeState.ACTIVE, flags, 1, 5, 0, 0x123456).encode()))
 
 
 @pytest.mark.parametrize("manager_was_heard", [True, False])
-def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_believed(*, manager_was_heard: bool) -> None:
+def test_with_a_key_the_pes_get_a_manager_even_where_none_of_them_can_be_believed(*, manager_was_heard: bool) -> None:
     late = LateWithAKey()
     if manager_was_heard:
         late.tell(Lease(1, 5, Step.GO_ALL, 9))
@@ -308,7 +308,7 @@ def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_belie
     assert late.one.requests == []
 
 
-def test_with_a_key_who_speaks_is_waited_for_until_the_window_closes_and_who_falls_silent_is_not() -> None:
+def test_with_a_key_a_pe_that_sends_is_awaited_until_the_window_closes_and_one_that_falls_silent_is_not() -> None:
     late = LateWithAKey()
     late.hear_all(PeFlags.HEARS_LEASE)
     late.one.pass_time(START_UP_WINDOW_NS + LEASE_NS)
@@ -322,13 +322,13 @@ def test_with_a_key_who_speaks_is_waited_for_until_the_window_closes_and_who_fal
     absent = late.one.of("pe_absent")[len(PHASES.pes) :]
     assert {told["cause"] for told in absent} == {"not heard any more, before it could be believed"}
     assert late.one.last("hears_nobody")["term"] == late.one.said(Lease)[-1].term
-    late.one.answer()  # what it would command then, on a wire that may be mended by now, would stop everybody
+    late.one.answer()  # its commands, on a wire that may be mended by now, would stop every PE
     assert state(late.one) == "listening"
     assert late.one.said(Prepare) == []
 
 
 class TestOverheard:
-    """A standby that has missed, or was told, what cannot be put together knows nothing, and says nothing."""
+    """A standby that has missed, or got, what cannot be put together knows nothing, and reports nothing."""
 
     SLICE = b"\0\0\0\0"
 
@@ -357,10 +357,10 @@ class TestOverheard:
         assert turn.memory.runs is None
 
     @pytest.mark.parametrize(("number", "is_known"), [(1, True), (2, False), (4095, False)])
-    def test_what_is_called_by_its_number_is_looked_up_and_counts_with_its_digest(
+    def test_a_contingency_that_is_called_by_its_number_is_looked_up_and_counts_with_its_digest(
         self, number: int, *, is_known: bool
     ) -> None:
-        """Number 2 is another configuration than its digest says, and 4095 none."""
+        """Number 2 is another configuration than its digest tells, and there is no number 4095."""
         made = plan_ahead(PHASES, 0)
         turn = Turn(127, 0, term=0, memory=NOTHING)
         overheard = Overheard(PHASES, turn, ContingencyNumbers(PHASES, made, on_board(PHASES, made)))
@@ -387,13 +387,13 @@ class TestOverheard:
         assert turn.memory.runs is None
 
 
-def test_what_it_has_heard_acknowledged_was_accepted_and_the_operators_word_since_stands(pair: Pair) -> None:
+def test_a_request_that_it_heard_acknowledged_was_executed_and_the_operators_order_since_stands(pair: Pair) -> None:
     wish = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, 1)
     pair.primary.report("left", wish)
     pair.primary.give(OperatorSaid(1, EnterPhase("climb")))
     pair.fly(10 * BEAT_NS)
-    to_nobody = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
-    pair.standby.hear(command_frame(to_nobody))
+    to_unknown = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
+    pair.standby.hear(command_frame(to_unknown))
     pair.orphan(*PHASES.pes)
     assert pair.standby.last("taken_over")["phase"] == "climb"
     pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1))
@@ -428,11 +428,11 @@ def test_without_a_term_left_it_stops_and_says_so() -> None:
     assert manager.core.next_deadline_ns() is None
 
 
-def test_nor_does_one_begin_a_mastership_that_has_listened() -> None:
+def test_without_a_term_left_a_manager_that_has_listened_begins_no_mastership() -> None:
     manager = OneManager(memory=Memory(term=4094))
     manager.start()
     manager.running.clear()
-    manager.pass_time(200 * MS)  # everybody is silent, and so is it then
+    manager.pass_time(200 * MS)  # every PE is silent, and so is the manager then
     for pe in manager.spec.pes:
         manager.live(pe)
     manager.pass_time(300 * MS)
@@ -440,10 +440,10 @@ def test_nor_does_one_begin_a_mastership_that_has_listened() -> None:
     assert "there is no term after 4095" in reason
 
 
-def test_a_mastership_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) -> None:
+def test_a_mastership_is_not_refused_for_reports_from_an_earlier_one(pair: Pair) -> None:
     pair.orphan(*PHASES.pes)
     manager = pair.standby
-    manager.pass_time(3 * BEAT_NS)  # most say that they hear no LEASE, and have not said so for long
+    manager.pass_time(3 * BEAT_NS)  # most report that they hear no LEASE, but not for long yet
     manager.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
     assert state(manager) == "standby"
     manager.pass_time(LEASE_NS + 2 * BEAT_NS)

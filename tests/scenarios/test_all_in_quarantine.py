@@ -16,5 +16,5 @@ def test_a_mastership_begins_while_everybody_is_held_down() -> None:
     simulation.run_for(100 * MS)
     simulation.managers.start()
     assert simulation.settle() == []
-    first = [told for told in simulation.events_of("reconfigured") if told["causes"] == ["a reign begins"]]
+    first = [told for told in simulation.events_of("reconfigured") if told["causes"] == ["a mastership begins"]]
     assert [told["times_ns"]["detect"] for told in first] == [0]

@@ -48,7 +48,7 @@ def test_a_pe_that_was_cut_off_over_a_change_of_mastership_is_taken_in(pe: str) 
     simulation.run_for(600 * MS)
     simulation.fleet.mend(pe)
     assert simulation.settle() == []
-    assert "which nobody commanded" not in str(simulation.events_of("pe_lost"))
+    assert "which no manager commanded" not in str(simulation.events_of("pe_lost"))
 
 
 def test_a_fleet_that_restarts_around_one_that_does_not_gets_new_epochs() -> None:

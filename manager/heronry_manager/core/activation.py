@@ -1,12 +1,12 @@
 """The steps of an epoch that every awaited PE has staged: BREAK first where need be, then GO, then GO_ALL.
 
-A PE must be BROKEN before any goes on if it gives up something exclusive (`exclusion`), if it has to make room on a bus
-(`transition`), or if it runs what this term has not given it and is reached by wire. What a PE that is not counted on
-may still drive is waited for: identifiers before GO, a DEMUX before GO_ALL. How long each step is repeated, and which
-PE owes an answer, is `reconfiguration`'s to say.
+A PE must be BROKEN before any PE goes on if it gives up something exclusive (`exclusion`), if it has to make room on a
+bus (`transition`), or if it runs what this term has not given it and is reached by wire. The manager waits for what an
+unavailable PE may still drive: for identifiers before GO, for a DEMUX before GO_ALL. `reconfiguration` says how long
+each step is repeated, and which PE owes an answer.
 
-What is not known: what a PE runs that has reported an epoch which is forgotten here, or another digest. It is waited
-for, since anything else could put two drivers on one identifier.
+What the manager does not know: what a PE runs that has reported an epoch which the manager has forgotten, or another
+digest. The manager waits for that PE, since anything else could put two drivers on one identifier.
 """
 
 from heronry_dg.configuration import Configuration
@@ -43,7 +43,7 @@ class Activation:
         self._emit_step(epoch)
 
     def move_on(self, epoch: Reconfiguration) -> bool:
-        """Take the next step if nothing has to be waited for any more; tells whether that was the end."""
+        """Take the next step if nothing is left to wait for; tells whether the epoch is done by that."""
         self._free(epoch)
         broken = epoch.stage is Stage.BREAKING and epoch.all_broken() and epoch.identifiers_free_ns is None
         if broken or (epoch.stage is Stage.HOLDING and epoch.demux_free_ns is None):
@@ -56,7 +56,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
-        """PEs that must be BROKEN before any goes on."""
+        """PEs that must be BROKEN before any PE goes on."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
@@ -65,7 +65,7 @@ class Activation:
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
     def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
-        """What a PE may be running, as far as it has been seen; None: nobody knows."""
+        """Give the configurations that a PE may be running, as its last state tells; None: not known."""
         seen = self._observed.of[pe]
         if seen.state is PeState.UNCONFIGURED:
             return []
@@ -76,7 +76,7 @@ class Activation:
         return [known.configuration, *late]
 
     def _free(self, epoch: Reconfiguration) -> None:
-        """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
+        """Work out until when unavailable PEs may still drive what this epoch needs."""
         if epoch.stage in (Stage.DONE, Stage.GOING):
             return
         available, now_ns = self._health.available(), self._turn.now_ns

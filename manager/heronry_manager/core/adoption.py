@@ -1,11 +1,12 @@
-"""Adopting: what runs already is taken over as it is, without a new epoch, where this manager knows what that is.
+"""Adopting: the manager takes over what runs as it is, without a new epoch, where it knows what that is.
 
-All PEs that are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is
-remembered (`memory`), or was overheard, or of the very plan that would be deployed, and no PE was seen on a newer one.
-What is not that clean gets a new epoch. A PE that is missing, or runs nothing, is then a fault like any other.
+All available PEs that run anything are ACTIVE in one epoch, whose digest is that of the configuration that the manager
+remembers (`memory`) or has overheard, or of the very plan that it would deploy; and no PE was seen on a newer epoch. In
+every less clear case the manager opens a new epoch. A PE that is missing, or runs nothing, is then a fault like any
+other.
 
-What is not known: what a PE that is silent runs. It may still hold what the epoch places there (`exclusion`); and
-before a PE hears this term it may take up what another manager gave it.
+What the manager does not know: what a silent PE runs. That PE may still hold what the epoch places there (`exclusion`);
+and before a PE hears this term it may take up what another manager gave it.
 """
 
 from heronry_dg.model import Spec
@@ -25,7 +26,7 @@ from heronry_wire.state_frames import PeState
 
 
 class Adoption:
-    """Finds out whether what runs may be adopted, and makes the epoch of it."""
+    """Finds out whether the running configuration may be adopted, and makes its epoch."""
 
     def __init__(
         self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion, observed: Observations, *, epochs: Epochs
@@ -34,22 +35,23 @@ class Adoption:
         self._observed, self._epochs = observed, epochs
 
     def of_plan(self, plan: Plan) -> Reconfiguration | None:
-        """Give the epoch that runs if it is exactly this plan, everywhere; else None."""
+        """Give the running epoch if every available PE runs exactly this plan; else None."""
         compiled = self._epochs.compiled(plan.configuration)
         seen = [self._observed.of[pe] for pe in self._health.available()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
         runs, newest = self._turn.memory.runs, self._observed.newest_epoch()
         if runs is not None and is_newer(runs.epoch, newest):
-            return None  # a PE that was given what came after that is silent, and may run it
+            return None  # a silent PE was given a later epoch, and may run it
         if not clean or {one.epoch for one in seen} != {newest}:
             return None
         return self._adopted(newest, plan, compiled)
 
     def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
-        """Give the epoch that is remembered to run, or was overheard, if it does; else None.
+        """Give the epoch that is remembered to run, or was overheard, if the PEs run it; else None.
 
-        PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults. What
-        radios could carry when it was planned is not remembered: it passes for a plan for what they carry `now`.
+        Available PEs that run nothing, and PEs that are missing, do not prevent it: they are treated as faults. What
+        radios could carry when the configuration was planned is not remembered: the plan is taken as made for what they
+        carry `now`.
         """
         if runs is None:
             return None

@@ -1,10 +1,10 @@
-"""What a manager that only advises says: what it would do, and what it has seen another one do.
+"""What a manager that only advises reports: what it would do, and what it has seen another manager do.
 
     advised    a plan was made that is not what runs: `advice` has told what deploying it would change
     adopted    the PEs are seen to run what was advised, or was overheard (`following`): that runs now
-    unknown    they run anything else: then nothing is known to run, and nothing is advised
+    unknown    the PEs run anything else: then nothing is known to run, and nothing is advised
 
-A PE that runs what was known leaves it as it is; what is late or lost is seen with the next state.
+A PE that reports what is known to run changes nothing; a state that is late or lost is made up for by the next one.
 """
 
 from heronry_dg.plan import Plan
@@ -17,16 +17,16 @@ from heronry_manager.core.turn import Turn
 
 
 class Advice:
-    """Tells, and does nothing."""
+    """Emits events, and commands nothing."""
 
     def __init__(self, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
         self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
 
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
-        """Tell what deploying this plan would change, and do nothing; say so where an `unknown` epoch runs.
+        """Emit what deploying this plan would change, and deploy nothing; report an `unknown` epoch where one runs.
 
-        Of one that was overheard, and that does not run everywhere yet, nothing is said: `follow` will see it.
+        An overheard epoch that does not run everywhere yet is not reported: `follow` will see it.
         """
         self._advised = plan, self._deployment.epochs.compiled(plan.configuration).digest
         if unknown is None:
@@ -44,9 +44,9 @@ class Advice:
             self._turn.emit("unknown_epoch", epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
-        """See what another manager does; tells whether it has just become known what runs.
+        """Compare what the PEs run with what is known; tells whether it has just become known what runs.
 
-        That is what was advised or overheard; as long as it is anything else, nothing is known to run.
+        What was advised or overheard can become known; as long as the PEs run anything else, nothing is known to run.
         """
         deployment = self._deployment
         observed = (deployment.observed.of[pe] for pe in self._health.available())

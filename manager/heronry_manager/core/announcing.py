@@ -1,10 +1,10 @@
-"""What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
+"""What the active manager holds, announced for a standby manager: the phase and each latched fault (CONTROL, HOLDS).
 
-One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before each
-answer to a request for a phase goes the phase, also if it was told before: a standby that was started since knows only
-what its journal says. Right behind the phase in turn goes which requests have been obeyed. A PE obeys none of it; a
-standby that has missed a fact hears it again, and believes no longer in what it has not heard for some turns
-(`known_situation`).
+One fact at a time: a new one with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before
+each answer to a request for a phase the manager sends the phase, even if it was sent before: a standby manager that was
+started since knows only what its journal says. Right behind the phase in its turn, the manager sends which requests it
+has executed. A PE ignores all of it. A standby manager that has missed a fact hears it again, and drops a fact that it
+has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
@@ -16,16 +16,16 @@ Fact = tuple[ElementKind, int]
 
 
 class Announcer:
-    """Chooses what to tell next."""
+    """Chooses the fact that is announced next."""
 
     def __init__(self, spec: Spec, situation: KnownSituation) -> None:
         self._phases = list(spec.phases)
         self._situation = situation
         self._beat = 0
-        self._told: dict[Fact, int] = {}  # with which beat
+        self._told: dict[Fact, int] = {}  # number of the beat that announced it last
 
     def next(self) -> Fact | None:
-        """Give what is to be told with this beat."""
+        """Give the fact to announce with this beat; None: no fact is due."""
         self._beat += 1
         facts = self.look()
         fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
@@ -35,13 +35,13 @@ class Announcer:
         return fact
 
     def phase(self) -> Fact | None:
-        """Give the phase, to be told at once."""
+        """Give the phase, to be announced immediately."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
         return phase[0] if phase else None
 
     def look(self) -> list[Fact]:
-        """Give what is held now. What is not was told of another time, and is news if it is held again."""
+        """Give the facts that hold now; one that has ended is announced as new if it holds again."""
         places = map(self._situation.failed.place, self._situation.failed.elements)
         facts = self._phase() + sorted(place for place in places if place is not None)
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}

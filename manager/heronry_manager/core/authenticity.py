@@ -1,42 +1,45 @@
-"""What a manager with a key says and believes: every command is tagged, every state is proven (rule 11).
+"""Authentication in a manager with a key: it tags every command, and accepts proven states alone (protocol rule 11).
 
-What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`); a term is used once, since
-the driver has it on disk before the manager speaks, so no number comes back, whatever is restarted.
+What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`). A term is used once, since
+the driver has it on disk before the manager sends; so no number is used twice, whatever is restarted.
 
-What comes in. A PE's state counts if the 24 bits in its page are the tag of what it says, in a *session*. A session is
-opened by answering the nonce that the PE says in page 2: it is the number of that answer, so what was recorded before
-it proves nothing. The tag covers the digest of what runs, or is staged, which the frame has no room for: it is looked
-for among those that this PE may mean, which are that of the epoch as this manager knows it, and what its page 3 named.
+What comes in. A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
+opens a session when it answers the nonce that the PE sends in page 2: the session is the number of that answer, so a
+state recorded earlier proves nothing. The tag covers the digest of what runs, or is staged, for which the frame has no
+room. The manager looks for it among the digests that this PE may mean: the epoch's as this manager knows it, and those
+that its page 3 named.
 
-An EMCY is held until a page 0 that says FAULT_PENDING proves it, one EMCY each: its tag covers it. All that were heard
-of this PE are tried, and forgotten with the next page 0 that says nothing is pending.
+The manager holds an EMCY until a page 0 with FAULT_PENDING proves it, one EMCY per page: the tag covers it. The manager
+tries every EMCY that it has heard of this PE, and forgets them with the next page 0 that says nothing is pending.
 
-    no session    nothing of this PE counts; a nonce is answered, once in a heartbeat period
-    offered       answers have gone out, and no state has come that was tagged with one
+    no session    nothing from this PE counts; the manager answers a nonce, once in a heartbeat period
+    offered       answers have gone out, and no state tagged with one of them has come
     open          page 0 is believed, with its digest put back in its place
 
-A restarted PE asks by itself. One that is heard and cannot be believed for T_lease is told to (RENEW): it may have
-missed what opened its session, or this manager too many of its states. Where that changes nothing it is told of: it has
-another key, or none, or does not hear.
+A restarted PE asks for a session itself. A PE that is heard, and cannot be believed for T_lease, is told to ask
+(RENEW): it may have missed the answer that opened its session, or this manager may have missed too many of its states.
+Where that changes nothing an event reports the PE: it has another key, or none, or its receiver has failed.
 
-Guessing. 24 bits are found by chance in 16 million tries, so once many tags of a PE have not fitted, a state of it
-counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
-guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
+Guessing. 24 bits are found by chance in 16 million tries. Once many tags of a PE were wrong, a state of it counts only
+if the tag of the state before was right as well, for as long as wrong tags come and a while longer: two in a row cannot
+be guessed. Where no frame of the PE is lost this has no effect, and a lost frame costs the PE one more period.
 
-Who only watches (a standby) follows the sessions that another manager opens: it hears the nonce and the answer, and the
-TAG of that proves both. What it has missed, or is older than what it knows, opens nothing for it.
+A manager that only watches (a standby manager) follows the sessions that another manager opens: it hears the nonce and
+the answer, and the TAG of the answer proves both. An answer that it has missed, or that is older than its session,
+opens nothing.
 
-Another manager is believed if what it says is tagged, and its numbers rise; nobody else can end a reign. Who stands by
-has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be. One with
-this manager's number is another one if it has come further than this one: what this one has said could be said again.
+Another manager is believed if its commands are tagged, and its numbers rise; nothing else can end a mastership. A
+standby manager has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number
+may be. A manager with this manager's number is another one if its number in the term is higher: this manager's own
+commands could be replayed.
 
-A page 1 is no sign of life, and needs no number: what a PE says of an epoch stays true as long as its session lasts.
+A page 1 is no sign of life, and needs no number: what a PE reports of an epoch stays true as long as its session lasts.
 
-Not proven, for want of room: pages 2 and 3, which name what is to be tried, and what gateways report of radios.
+Not proven, for want of room: pages 2 and 3, which name what is to be tried, and the reports of gateways on radios.
 
 Lost: as in `command_tags`; a PE asks again. Of an EMCY: page 0 cannot be believed until it has come again. Late,
-doubled: the number of page 0 is not above the last. Forged: counted in `refused`, told in the status. After a restart
-nothing is known and every PE is asked, by the new term, to begin anew.
+doubled: the number of page 0 is not above the last. Forged: counted in `refused`, shown in the status. After a restart
+nothing is known, and the new term asks every PE to begin anew.
 """
 
 from collections import deque
@@ -56,16 +59,16 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
-GUESSES = 8  # tags that did not fit, until a state needs another one before it
-FORGIVEN_PERIODS = 256  # without one, until they are forgotten
-_OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
+GUESSES = 8  # wrong tags, after which a state counts only right behind another true one
+FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which they are forgotten
+_OFFERS = 2  # answers that are remembered: one may be on its way while the PE asks for the next
 _NAMED = 3
-_NONCES = 4  # of one PE, to which an answer to be overheard may belong
-_ANSWERS = 40  # of one manager that wait for their TAG: it may answer all PEs at once
+_NONCES = 4  # nonces of one PE that are remembered: an overheard answer may belong to any of them
+_ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
-_IN_VAIN = 2  # of two renewals even a PE that was just restarted has answered one
-_IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
+_IN_VAIN = 2  # renewals without effect: even a PE that was just restarted has answered one of two
+_IN_A_ROW = 2  # two states count together if the second number is at most so much higher
 
 
 @dataclass(slots=True)
@@ -84,29 +87,29 @@ class _Peer:
     period_ns: int
     opened: _Opened | None = None
     offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
-    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests of what it runs, as it says
+    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests in its pages 3
     answered_ns: int | None = None  # when its nonce was last answered
-    nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has said
-    doubted_ns: int | None = None  # since when it is heard, and not believed
-    renewals: int = 0  # that it was told, since it was believed
-    wrong: int = 0  # tags that did not fit, while they kept coming
+    nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has sent
+    doubted_ns: int | None = None  # since when it has been heard without being believed
+    renewals: int = 0  # sent to it since it was last believed
+    wrong: int = 0  # wrong tags, while they kept coming
     wrong_ns: int = 0
-    fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
-    held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since nothing was pending, oldest first
+    fitted: tuple[Session, int] | None = None  # the last page 0 with a right tag, believed or not
+    held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest first
     proven: bytes = NO_EMERGENCY  # by the last page 0
-    refused: int = 0  # states
-    refuses: tuple[int, int] = (0, 0)  # commands, as it says: unproven, other
-    told: tuple[int, int] = (0, 0)  # of these, when they were last told, and when
+    refused: int = 0  # states that were not believed
+    refuses: tuple[int, int] = (0, 0)  # commands that it has refused, by its page 3: unproven, other
+    told: tuple[int, int] = (0, 0)  # the same when an event last reported it, and the time of that
     told_ns: int | None = None
 
     def sessions(self) -> list[_Opened]:
-        """Every session in which a state may be tagged."""
+        """Sessions in which the PE may tag its next state."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 
 @dataclass(frozen=True, slots=True)
 class _Overheard:
-    """What another manager has said to a PE that asked."""
+    """Another manager's answer to the nonce of a PE."""
 
     peer: _Peer
     session: Session
@@ -114,7 +117,7 @@ class _Overheard:
 
 
 class Authenticity:
-    """The key of one manager, and what has been proven with it."""
+    """The key of one manager, and what the PEs and other managers have proven with it."""
 
     def __init__(
         self,
@@ -125,10 +128,10 @@ class Authenticity:
         digest_of: Callable[[int], int | None],
         speaks: Callable[[], bool],
     ) -> None:
-        """Know nobody yet.
+        """Begin without a session.
 
-        digest_of: gives the digest of an epoch of this reign, or of the one that is followed.
-        speaks: tells whether this manager reigns: only then is its term its own, and never used before.
+        digest_of: gives the digest of an epoch of this mastership, or of the manager that is followed; None: not known.
+        speaks: tells whether this manager is active: only then is its term its own, and never used before.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -137,12 +140,12 @@ class Authenticity:
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
         self._by_node = {peer.node: peer for peer in self._peers.values()}
-        self._answers: list[tuple[_Peer, int]] = []  # that this turn gives
+        self._answers: list[tuple[_Peer, int]] = []  # that this turn sends
         self._overheard: dict[int, deque[_Overheard]] = {node: deque(maxlen=_ANSWERS) for node in MANAGER_NODES}
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """What of a PE was not believed, and what it did not believe."""
+        """Give the counts of a PE's states that were refused here, and of the commands that the PE has refused."""
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,
@@ -153,8 +156,8 @@ class Authenticity:
     # What goes out
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
-        """Let every command be followed by its TAG; then answer the nonces that have come."""
-        if self._signer.term != self._turn.term:  # who stood by has taken over
+        """Put its TAG behind every command; then answer the nonces that have come."""
+        if self._signer.term != self._turn.term:  # this standby manager has taken over
             self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
         sealed: list[ManagerAction] = []
         for action in actions:
@@ -169,7 +172,7 @@ class Authenticity:
         return sealed
 
     def answer(self, pe: str, page: StatePage2) -> None:
-        """Open a session for a PE that asks, at the end of this turn; the next one not before a period is over."""
+        """Answer a PE's nonce at the end of this turn, to open a session; at most once in a heartbeat period."""
         peer, now_ns = self._peers[pe], self._turn.now_ns
         is_early = peer.answered_ns is not None and now_ns - peer.answered_ns < peer.period_ns // 2
         if page.nonce != NO_NONCE and not is_early:
@@ -179,7 +182,7 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Give a page of a PE with its digest in its place, or None where it is not believed."""
+        """Give a page of a PE, with the digest in its place that its tag covers; None: it is not believed."""
         peer = self._peers[pe]
         match page:
             case StatePage0():
@@ -194,38 +197,38 @@ class Authenticity:
         return page
 
     def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
-        """A PE names what it runs, and says what it has refused."""
+        """Take page 3 of a PE: a digest of what it runs, and its count of refused commands."""
         if page.digest not in peer.named:
             peer.named.append(page.digest)
         peer.refuses, now_ns = (page.unproven, page.other), self._turn.now_ns
-        is_news = peer.refuses > peer.told and (peer.told_ns is None or now_ns - peer.told_ns >= _TOLD_EVERY_NS)
-        if is_news:
+        is_new = peer.refuses > peer.told and (peer.told_ns is None or now_ns - peer.told_ns >= _TOLD_EVERY_NS)
+        if is_new:
             self._turn.emit("commands_refused", pe=pe, unproven=page.unproven, other=page.other)
-        if is_news or sum(peer.refuses) < sum(peer.told):  # it has been restarted
+        if is_new or sum(peer.refuses) < sum(peer.told):  # the PE has been restarted
             peer.told, peer.told_ns = peer.refuses, now_ns
 
     def hold_emergency(self, pe: str, emergency: bytes) -> None:
-        """Take an EMCY; it counts when a page 0 proves it."""
+        """Keep an EMCY until a page 0 proves it."""
         held = self._peers[pe].held
         if emergency not in held and len(held) == _HELD:
             del held[next(iter(held))]
         held[emergency] = None
 
     def take_emergency(self, pe: str) -> bytes | None:
-        """Give the EMCY that the page 0 which was just believed has proven, once."""
+        """Give the EMCY that the last page 0 has proven, once; None: it has proven none."""
         peer = self._peers[pe]
         proven, peer.proven = peer.proven, NO_EMERGENCY
         return proven or None
 
     def overhear(self, manager: int, control: bytes) -> None:
-        """Another manager answers a nonce, perhaps: whoever only watches follows it once the TAG has come."""
+        """Keep what may be another manager's answer to a nonce: once its TAG comes, the session is followed."""
         order = decode_command(Command.CONTROL, control)
         if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in self._by_node:
             session = Session(manager, order.term, order.a << 16 | order.b)
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
     def _follow(self, manager: int, tag: bytes) -> None:
-        """A TAG may be that of an answer to a nonce of some PE: then that is the PE's session, if it is newer."""
+        """Try a TAG on the answers that were kept: the one that it fits opens its PE's session, if that is newer."""
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
@@ -236,11 +239,11 @@ class Authenticity:
                     peer.offers.append(_Opened(answer.session))
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Take a command of another manager; it counts when its TAG comes."""
+        """Keep a command of another manager until its TAG comes."""
         self._managers.hold(manager, command, event, self._turn.now_ns)
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
-        """Take the TAG of another manager; gives the command that it proves."""
+        """Take the TAG of another manager; gives the command that it proves, or None."""
         self._follow(manager, tag)
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
@@ -248,7 +251,7 @@ class Authenticity:
         return found
 
     def _was_mine(self, manager: int) -> bool:
-        """Tell whether what has just been proven was said by this manager itself, in this term, and is said again."""
+        """Tell whether the command that was just proven is a replay of this manager's own, from this term."""
         mine = Place(self._signer.term, self._signer.number)
         return manager == self._turn.node and self._managers.places[manager] <= mine
 
@@ -273,7 +276,7 @@ class Authenticity:
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
-        """Session, number, digest and EMCY with which a tag fits."""
+        """Find the session, number, digest and EMCY with which a tag is right; None: it is wrong."""
         emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
         covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
         for one in peer.sessions():
@@ -284,7 +287,7 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Page 1 about an epoch of this reign, with its digest or 0: whether that is staged, if its tag fits either."""
+        """Take page 1 on an epoch of this mastership; it tells the epoch's digest if the PE has staged that, else 0."""
         known = self._digest_of(page.staged_epoch)
         if known is None:
             return None
@@ -302,7 +305,7 @@ class Authenticity:
         return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
 
     def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
-        """A page 0 was not believed. A PE that waits for its session says 0; one of an older reign cannot do better."""
+        """Note that a page 0 was not believed. Its tag is wrong only if it has one, and a session was offered."""
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):
             peer.refused += 1

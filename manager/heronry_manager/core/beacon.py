@@ -1,9 +1,9 @@
-"""What the manager says whatever happens: LEASE and ALIVE every heartbeat period, PINGs, a CANopen heartbeat.
+"""The active manager's regular frames: LEASE and ALIVE in every heartbeat period, PINGs, a CANopen heartbeat.
 
-LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up; ALIVE names the PEs counted on, and
-a PE that it does not name drives nothing exclusive (protocol rules 4 and 6). Whoever is counted on no more is left out
-at once, and not with the next beat only: T_lease begins then. A beat that came late is not made up for: two in a row
-would say nothing new.
+LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up. ALIVE names the available PEs, and a
+PE that it does not name drives nothing exclusive (protocol rules 4 and 6). A PE that is no longer available is left out
+immediately, and not with the next beat only: T_lease begins then. A beat that came late is not made up for: two in a
+row would say nothing new.
 """
 
 from heronry_wire.frame import Frame
@@ -18,7 +18,7 @@ class Beacon:
     """The manager's regular frames."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
-        """Beat every `period_ns` from `first_ns` on."""
+        """Send a beat every `period_ns` from `first_ns` on (nanoseconds)."""
         self.next_ns = first_ns
         self._node, self._period_ns = node, period_ns
         self._canopen_ns = first_ns
@@ -35,12 +35,12 @@ class Beacon:
         return frames
 
     def alive(self, term: int, nodes: frozenset[int]) -> Send:
-        """Name the PEs that are counted on."""
+        """Give an ALIVE that names these nodes."""
         sequence, self._sequence = self._sequence, (self._sequence + 1) % 256
         return self._send(Command.ALIVE, Alive(term, sequence, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
-        """Ask one PE for its state."""
+        """Give a PING to one PE, which asks for its state."""
         return self._send(Command.PING, Ping(term, node, self._sequence).encode())
 
     def _send(self, command: Command, data: bytes) -> Send:

@@ -1,10 +1,10 @@
 """One beat of an active manager, and what cannot wait for the next one.
 
-In each heartbeat period: LEASE, ALIVE with everybody that is counted on, PING for each suspect (`beacon`), and one fact
-in turn for a standby manager (`announcing`). Between two beats: an ALIVE as soon as a PE is counted on no more, since
-that PE drives what it was given until it may hear that, and a PING for a PE that has just become suspect.
+In each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect (`beacon`), and one fact in turn
+for a standby manager (`announcing`). Between two beats: an ALIVE as soon as a PE is no longer available, since that PE
+drives what it was given until it may hear that, and a PING for a PE that has just become suspect.
 
-It begins anew with each term. A beat that is lost is followed by the next one; nothing here is answered.
+The beat begins anew with each term. A beat that is lost is followed by the next one; nothing here is answered.
 """
 
 from collections.abc import Iterable
@@ -19,11 +19,11 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command
 from heronry_wire.management import Alive, Control, ElementKind, Operation, decode_command
 
-_EVERYBODY = 0
+_ALL_NODES = 0
 
 
 class Beat:
-    """What this manager says of its own accord."""
+    """The frames that an active manager sends unasked."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
         self._settings, self._turn, self._known = settings, turn, known
@@ -34,14 +34,14 @@ class Beat:
         settings = self._settings
         self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
         self._announcer = Announcer(settings.spec, self._known.situation)
-        self._has_to_leave_out = False  # a PE that is counted on no more, and that the last ALIVE has named
+        self._has_to_leave_out = False  # a PE that is no longer available, and that the last ALIVE named
 
     def is_due(self) -> bool:
         """Tell whether the next beat is due."""
         return self._turn.now_ns >= self.beacon.next_ns
 
     def beat(self) -> None:
-        """LEASE, ALIVE, PING for each suspect, and a fact."""
+        """Send LEASE, ALIVE, a PING to each suspect, and a fact."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
@@ -53,20 +53,20 @@ class Beat:
             self._tell_accepted()
 
     def ping(self, pe: str) -> None:
-        """Ask a PE for its state."""
+        """Send a PING to a PE, which asks for its state."""
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
-        """A PE is counted on no more, and the last ALIVE has named it."""
+        """Note that a PE which the last ALIVE named is no longer available."""
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Say at once that a PE is counted on no more, where there is one: until then it drives what it was given."""
+        """Send an ALIVE immediately if it must leave out a PE, which until then drives what it was given."""
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
-        """An ALIVE of this manager is on the bus: a PE that it leaves out is counted on no more from now on."""
+        """Take note that an ALIVE of this manager is on the bus: T_lease of a PE that it leaves out begins now."""
         exclusion, pes = self._known.exclusion, self._settings.spec.pes
         if not exclusion.waits:
             return
@@ -75,15 +75,15 @@ class Beat:
             exclusion.said({pe.name for pe in pes.values() if pe.node_id in alive.nodes}, self._turn.now_ns)
 
     def tell_phase(self) -> None:
-        """Tell a standby manager the phase, now."""
+        """Announce the phase to a standby manager, now."""
         self._tell_held(self._announcer.phase())
 
     def look(self) -> None:
-        """Something may have ended that begins again before the next beat: then it is news."""
+        """Note which facts hold now: one that ends and begins again before the next beat is announced as new."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:
-        """Nodes that an ALIVE names which goes out now."""
+        """Give the nodes to name in an ALIVE that goes out now."""
         named = [*self._known.health.available(), *self._known.health.awaited_again()]
         self._known.exclusion.named(named, self._turn.now_ns)
         self._has_to_leave_out = False
@@ -91,13 +91,13 @@ class Beat:
 
     def _tell_held(self, fact: Fact | None) -> None:
         if fact is not None:
-            self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
+            self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, Operation.HOLDS, *fact))
 
     def _tell_accepted(self) -> None:
-        """Say once more which requests for a phase have been obeyed: a standby may have missed that, or been away."""
-        for pe, asked in self._turn.memory.asked.items():
-            if self._known.health.said_incarnation(pe, self._turn.now_ns) == asked.incarnation:
-                accepted = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
+        """Repeat which requests for a phase were executed: a standby manager may have missed that, or been away."""
+        for pe, request in self._turn.memory.phase_requests.items():
+            if self._known.health.said_incarnation(pe, self._turn.now_ns) == request.incarnation:
+                accepted = Operation.ACKNOWLEDGE, ElementKind.PHASE, request.number
                 node = self._settings.spec.pes[pe].node_id
                 self._turn.send(Command.CONTROL, Control(self._turn.term, node, *accepted))
 

@@ -1,6 +1,6 @@
 """From names to indices: the tables of the PEs, and the slices of a configuration.
 
-A table says once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes a module. Both are
+A table says once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. Both are
 pure functions of the spec, so a manager and a PE that hold the same spec digest mean the same thing by every index.
 """
 
@@ -58,7 +58,7 @@ class Compiler:
         return criticality_ranks(self._spec)
 
     def table(self, pe: str) -> PeTable:
-        """Table of one PE."""
+        """Give the table of one PE."""
         spec, own = self._spec, self._spec.pes[pe]
         ports = tuple(self._port(pe, bus) for bus in own.buses)
         return PeTable(
@@ -95,7 +95,7 @@ class Compiler:
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
-        """Slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
+        """Give the slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
         stops = self._without_manager(configuration)
         slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
@@ -112,7 +112,7 @@ class Compiler:
         return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
-        """Longest period of a source, over the modes that give it."""
+        """Longest period of a source, in nanoseconds, over the modes that give it."""
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -162,7 +162,7 @@ class Compiler:
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _without_manager(self, configuration: Configuration) -> frozenset[str]:
-        """Modules that stop while no manager is heard, by the spec's policy."""
+        """Modules that stop while their PE hears no manager, by the spec's policy."""
         keeps = self._spec.manager.without_manager == "keep"
         return frozenset() if keeps else expendable(self._spec, configuration)
 

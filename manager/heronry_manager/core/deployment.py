@@ -1,28 +1,28 @@
-"""From a plan to what runs: which epoch is current, which one is being prepared, and what the PEs say of them.
+"""From a plan to what runs: which epoch is current, which one is being prepared, and what the PEs report of them.
 
-Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out (how each of
-them goes is `reconfiguration`'s to say). The next one takes the current one's place when every awaited PE has staged
-it; a change of the situation before that abandons its number. The current one is repeated by LEASE until then, and a
-PE that comes late is still served.
+Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
+(`reconfiguration` says how each of them proceeds). The next one takes the current one's place when every awaited PE has
+staged it; if the situation changes before that, its number is abandoned. LEASE repeats the current one until then, and
+a PE that comes late is still served.
 
-Observed stays apart: a PE is known to run an epoch by its state frames alone (`observation`). What they say that cannot
-be is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what no
-manager commanded; it cannot stage its slice.
+Observed stays apart: a PE is known to run an epoch by its state frames alone (`observation`). A report that cannot be
+right is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what
+no manager commanded; it cannot stage its slice.
 
 *Admitting*: a PE that comes back, and has nothing to do in the plan that runs already, is given the current epoch; no
-other PE is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first;
-and so it does where it may have staged a newer one that was given up since: no PE goes back to an older one.
+other PE is disturbed. A PE with something to do there needs a new epoch, since exclusive things must be broken first.
+It also needs one where it may have staged a newer epoch that was given up since: no PE goes back to an older one.
 
-*Overtaken*: a PE that was cut off, and is not counted on yet, may run a newer epoch, of a manager that was active on
-its side of a broken bus. A PE that hears it drives nothing exclusive until it runs one that is newer still (rule 6), so
-what runs is given a new number, without the PE that was cut off. It is asked with every state, so nothing is lost with
-one.
+*Overtaken*: a PE that was cut off, and is not available yet, may run a newer epoch, of a manager that was active on its
+side of a broken bus. A PE that hears the newer epoch drives nothing exclusive until it runs one that is newer still
+(protocol rule 6), so the manager gives what runs a new number, without the PE that was cut off. The core checks this
+with every state, so a lost state does no harm.
 
-*Adopting*: what runs when this manager begins may be taken over as it is (`adoption`). A manager that only advises
-tells what it would do, and takes for done what it sees (`advice`).
+*Adopting*: at its start the manager may take over what runs as it is (`adoption`). A manager that only advises tells
+what it would do, and takes for done what it sees (`advice`).
 
-How an epoch is made and remembered is said in `epochs`, its steps in `activation`, its number in `numbering`; what is
-lost, late or doubled, in `observation` and `reconfiguration`; what a PE may still drive, in `exclusion`.
+`epochs` says how an epoch is made and remembered, `activation` its steps, `numbering` its number; `observation` and
+`reconfiguration` say what follows from lost, late and doubled frames, and `exclusion` what a PE may still drive.
 """
 
 from collections.abc import Iterable, Mapping
@@ -73,45 +73,45 @@ class Deployment:
         self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self.next: Reconfiguration | None = None  # being prepared
-        self._has_given_up = False  # an epoch, since the current one was activated
+        self._has_given_up = False  # abandoned an epoch since the current one was activated
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
 
     def begin(self, term: int) -> None:
-        """Begin to speak in this term: no PE has heard it yet."""
+        """Begin a term, which no PE has heard yet."""
         self.epochs.numbers.begin(term)
         self.observed.begin_term()
 
     @property
     def running(self) -> Placement | None:
-        """What runs, as far as this term has brought it about: module -> (mode, PE)."""
+        """What runs, as far as this term has deployed or adopted it: module -> (mode, PE)."""
         return placement(self.current.configuration) if self.current is not None else None
 
     @property
     def plan(self) -> Plan | None:
-        """Plan of the current epoch."""
+        """Plan of the current epoch; None: there is none."""
         return self.current.plan if self.current is not None else None
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Newest epoch that PEs are seen to run, or that another manager has `leased`, where none is known to run."""
+        """Give the newest epoch that PEs run, or another manager has `leased`; None: none, or what runs is known."""
         if self.current is not None:
             return None
         return newest_epoch((leased, self.observed.newest_epoch())) or None
 
     def digest_of(self, epoch: int) -> int | None:
-        """Digest of an epoch of this term, also of one that is being prepared; None of one that is not known."""
+        """Give the digest of an epoch of this term, running or being prepared; None: it is not known."""
         is_next = self.next is not None and self.next.epoch == epoch
         known = self.next if is_next else self.epochs.known(epoch)
         return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:
-        """What LEASE repeats."""
+        """Give the LEASE to send: the current epoch and its step."""
         current = self.current
         if current is None:
             return Lease(self._turn.term, 0, Step.PREPARED, 0)
         return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
 
     def next_deadline_ns(self) -> int:
-        """When `tick` has something to do; NEVER_NS where it has not."""
+        """Give the time of the next `tick`, in nanoseconds; NEVER_NS: none is due."""
         due_ns = NEVER_NS
         if not self._turn.silent:
             for epoch in (self.current, self.next):
@@ -129,12 +129,12 @@ class Deployment:
         if self.current is not None:
             require(self.current.stage is not Stage.PREPARING, "the current epoch was never activated: {}", recent)
 
-    # What the PEs say
+    # What the PEs report
 
     def observe(self, pe: str, page: StatePage0) -> str | None:
-        """Page 0 of a PE that is counted on or not; gives why it must be failed, if it must.
+        """Take page 0 of any PE; gives the cause for which the PE must be failed, or None.
 
-        A late one tells nothing: what the PE has begun to drive since, it still drives.
+        A late page has no effect: what the PE has begun to drive since, it still drives.
         """
         seen = self.observed.take(pe, page)
         if seen is None or not self._health.is_available(pe):
@@ -146,13 +146,13 @@ class Deployment:
             seen.configured = True
             self._exclusion.reported(pe, known.placed, *self._placed_since(known))
             if not seen.hears:
-                self._exclusion.unknown(pe)  # it may obey another term yet, and take up what that one gives it
+                self._exclusion.unknown(pe)  # it may still execute commands of another term
             known.reported(pe, page.state, self._turn.now_ns)
             return None
         self._exclusion.unknown(pe)
         if not seen.configured:
-            return None  # it joined with what another manager, or an older term, gave it
-        return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded"
+            return None  # another manager, or an older term, gave it what it runs
+        return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which no manager commanded"
 
     def _runs_nothing(self, pe: str, seen: Observed) -> str | None:
         if seen.configured or self.current is None:
@@ -164,7 +164,7 @@ class Deployment:
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
-        """Page 1 of a PE; gives why it must be failed, if it must."""
+        """Take page 1 of a PE; gives the cause for which the PE must be failed, or None."""
         for epoch in (self.next, self.current):
             if epoch is None or page.staged_epoch != epoch.epoch:
                 continue
@@ -179,11 +179,11 @@ class Deployment:
         return None
 
     def is_active(self, pe: str) -> bool:
-        """Tell whether a PE runs something, as it has said last."""
+        """Tell whether a PE is ACTIVE by its last state."""
         return self.observed.of[pe].state is PeState.ACTIVE
 
     def lost(self, pe: str) -> None:
-        """A PE is no longer counted on."""
+        """Forget what a PE reported, which is no longer available, and drop it from the current epoch."""
         self.observed.lost(pe)
         if self.current is not None:
             self.current.drop(pe)
@@ -191,25 +191,25 @@ class Deployment:
     # From one epoch to the next
 
     def stopped(self, module: str) -> None:
-        """A module that its PE had stopped counts as well again: only another epoch makes that PE start it."""
+        """Note that a module which its PE had stopped counts as well again: only a new epoch makes the PE start it."""
         self._stopped.add(module)
 
     def is_overtaken_by(self, pe: str) -> bool:
-        """Tell whether a PE runs a newer epoch than the last one that was opened here."""
+        """Tell whether a PE runs a newer epoch than the last one that this manager opened."""
         last = self.next or self.current
         return last is not None and is_newer(self.observed.of[pe].epoch, last.epoch)
 
-    def everybody_runs_it(self) -> bool:
-        """Tell whether everybody counted on runs the current epoch, and all of it."""
+    def all_available_run_it(self) -> bool:
+        """Tell whether every available PE runs the current epoch, and all of it."""
         current = self.current
         if current is None or self._stopped & current.configuration.modules.keys():
             return False
         return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.available())
 
     def runs(self, plan: Plan) -> bool:
-        """Tell whether what runs is this already, and take the plan for that of the current epoch.
+        """Tell whether the PEs run this plan already, and take it as the plan of the current epoch.
 
-        A PE that is counted on and does not run it is admitted to the epoch, if it has nothing to do there.
+        An available PE that does not run it is admitted to the epoch, if it has nothing to do there.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
@@ -221,21 +221,21 @@ class Deployment:
         late = [pe for pe in self._health.available() if self.observed.of[pe].epoch != current.epoch]
         if any(self._needs_new(pe, current) for pe in late):
             return False
-        for who in self.epochs.participants(late, plan, current.contingency):
-            current.admit(who, self._turn.now_ns)
+        for participant in self.epochs.participants(late, plan, current.contingency):
+            current.admit(participant, self._turn.now_ns)
         current.plan = plan
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether the current epoch does not do for a PE that comes late: it has work, or was given a newer."""
+        """Tell whether a PE that comes late needs a new epoch: it has work there, or may have staged a newer one."""
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
-        """Take over what runs if it is exactly this plan, everywhere; tells whether it is."""
+        """Adopt what runs if every available PE runs exactly this plan; tells whether it was adopted."""
         return self._stands_on(self._adoption.of_plan(plan))
 
     def adopts_remembered(self, now: Situation, runs: Runs | None) -> bool:
-        """Take over what is remembered to run, or was overheard, where it does; tells whether it does."""
+        """Adopt the remembered or overheard configuration if the PEs run it; tells whether it was adopted."""
         return self._stands_on(self._adoption.of_remembered(runs, now))
 
     def _stands_on(self, adopted: Reconfiguration | None) -> bool:
@@ -245,12 +245,12 @@ class Deployment:
         return True
 
     def forget_current(self) -> None:
-        """What runs is not known any more."""
+        """Forget the current epoch: what runs is no longer known."""
         self.current = None
         self._stopped.clear()
 
     def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
-        """Open the next epoch."""
+        """Open the next epoch, for these causes."""
         self.next = self.epochs.open(plan, causes)
         self._turn.emit(
             "epoch_prepared",
@@ -262,7 +262,7 @@ class Deployment:
         )
 
     def abandon(self, reason: str) -> None:
-        """Give up what is being prepared, if anything is: the situation is another now."""
+        """Give up the epoch that is being prepared, if there is one; `reason` goes into the event."""
         if self.next is not None:
             self.next.abandon()
             self._has_given_up = True
@@ -270,13 +270,13 @@ class Deployment:
             self.next = None
 
     def tick(self) -> list[str]:
-        """Repeat what was not acknowledged; gives the PEs that have not answered for too long, where any were asked."""
+        """Repeat what was not acknowledged; gives the PEs that have owed an answer for too long."""
         if self._turn.silent:
             return []
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
     def advance(self) -> Reconfiguration | None:
-        """Move the epochs as far as they will go, and send what they have to say; gives one that is done by that."""
+        """Move the epochs on as far as possible, and send their messages; gives an epoch that has ended so, or None."""
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)
         current = self.current

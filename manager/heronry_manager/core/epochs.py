@@ -1,11 +1,11 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
-An epoch is a plan that was compiled, given a number (`numbering`), and has its participants: the PEs that are counted
-on when it is opened. Those that are reached by wire alone, and that the plan can command, are *awaited*; a PE beyond a
-dead gateway may beat on, and nobody waits for it (`reconfiguration` says how an epoch goes).
+An epoch is a plan that was compiled, given a number (`numbering`), and has its participants: the PEs that are available
+when it is opened. Those that are reached by wire alone, and that the plan can command, are *awaited*; the state frames
+of a PE beyond a dead gateway may still come, but no epoch waits for it (`reconfiguration` says how an epoch proceeds).
 
-Some epochs are remembered after the next one has taken their place, since a PE that is late may still be at one: by
-its number what that PE drives is known. What is activated or adopted is also remembered over a restart (`memory`).
+Some epochs are remembered after the next one has taken their place, since a PE that is late may still run one: its
+number tells what that PE drives. What is activated or adopted is also remembered over a restart (`memory`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,7 +33,7 @@ _REMEMBERED = 8
 
 @dataclass(frozen=True, slots=True)
 class ModuleChanges:
-    """Modules that move to another PE, that are new, and that are gone; each in the order of the alphabet."""
+    """Modules that move to another PE, that are new, and that are gone; each in alphabetical order."""
 
     moved: list[str]
     started: list[str]
@@ -54,10 +54,10 @@ class Epochs:
         on_board: ContingencyNumbers | None,
         frames_per_command: int,
     ) -> None:
-        """Know none.
+        """Begin without an epoch.
 
-        on_board: the configurations that can be called by a number, if there are any.
-        frames_per_command: 2 where each has its TAG: slices take half of the bus with all that they need.
+        on_board: the configurations that can be called by a number; None: there are none.
+        frames_per_command: 2 where each command has its TAG: slices then still take half of the bus, TAGs included.
         """
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self._observed, self._on_board = observed, on_board
@@ -72,13 +72,13 @@ class Epochs:
         return self._compiler.configuration(configuration)
 
     def decoded(self, runs: Runs) -> Configuration:
-        """Give the configuration of an epoch that is remembered over a restart, or was overheard."""
+        """Read back the configuration of an epoch that is remembered over a restart, or was overheard."""
         return self._code.decode(bytes.fromhex(runs.row))
 
     # Making one
 
     def open(self, plan: Plan, causes: Iterable[Cause]) -> Reconfiguration:
-        """Open a new epoch, with a number above all that were seen."""
+        """Open a new epoch, with a number newer than any that was used or seen."""
         compiled = self.compiled(plan.configuration)
         number = self.numbers.next(self._observed.newest_epoch())
         return self._made(number, plan, compiled, tuple(causes), Stage.PREPARING)
@@ -106,7 +106,7 @@ class Epochs:
         )
 
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
-        """These PEs as participants; where a plan can command nobody there is no haste, and all are waited for."""
+        """Make these PEs participants; where the plan can command no PE there is no haste, and all are awaited."""
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())
         return [
@@ -130,7 +130,7 @@ class Epochs:
     # Those that are known
 
     def known(self, number: int) -> Reconfiguration | None:
-        """Give the epoch of this number, if it is remembered."""
+        """Give the epoch of this number; None: it is not remembered."""
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
@@ -138,7 +138,7 @@ class Epochs:
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
-        """An epoch was activated or adopted: remember it, over a restart too."""
+        """Remember an epoch that was activated or adopted, over a restart too."""
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch

@@ -1,10 +1,10 @@
 """The one stream of events: what the manager saw, decided and did, as versioned JSON lines.
 
 Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `event` (a key of KINDS) and the fields
-listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never ask the
+listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never query the
 manager: `reduce` builds their snapshot from the lines, live or recorded.
 
-What makes a line: the manager's core, and `heronry demo` for what it did to the system itself (kill, restore).
+Lines come from the manager's core, and from `heronry demo` for what it did to the system itself (kill, restore).
 """
 
 import json
@@ -15,52 +15,52 @@ from typing import Any
 VERSION = 1
 
 KINDS: Mapping[str, str] = {
-    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): it listens, then reigns",
-    "second_manager": "node, term: somebody else sends LEASE",
-    "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
+    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): it listens first",
+    "second_manager": "node, term: another manager sends LEASE, and this one ends",
+    "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; the manager sends it a PING",
     "pe_answered": "pe: a suspect is heard again in time",
-    "pe_lost": "pe, cause, last_heard_ns: no longer counted on",
-    "pe_absent": "pe, cause: not heard in the start-up window",
+    "pe_lost": "pe, cause, last_heard_ns: the PE is no longer available",
+    "pe_absent": "pe, cause: the PE was not heard in the start-up window",
     "pe_heard_again": "pe, cause: a hold-down begins",
-    "pe_joined": "pe, cause: counted on from now",
-    "module_restarted": "element, by, times: a module failed and was built anew by its PE; nothing is held against it",
+    "pe_joined": "pe, cause: the PE is available from now on",
+    "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
-    "fault_cleared": "element, by: the element is taken for well again",
-    "link_limited": "bus, by, share: so much of a radio's bandwidth is planned with from now on, by its gateway's word",
-    "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs there are lost",
-    "link_back": "bus, by: something is heard from beyond again",
-    "channel_lost": "channel, by: a channel of a replicated bus carries nothing there; the other one does",
-    "channel_back": "channel, by: it does again",
-    "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
-    "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
+    "fault_cleared": "element, by: the element counts as well again",
+    "link_limited": "bus, by, share: plans use this share of a radio's bandwidth from now on, as its gateway reports",
+    "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs beyond are lost",
+    "link_back": "bus, by: the gateway hears a PE beyond again",
+    "channel_lost": "channel, by: a channel of a replicated bus carries nothing for that node; the other one does",
+    "channel_back": "channel, by: the channel carries frames for that node again",
+    "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
+    "adopted": "epoch, digest: the PEs run a known configuration already; this mastership takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
-    "unknown_epoch": "epoch: the PEs run it, and who only advises does not know what it is, nor what would be changed",
+    "unknown_epoch": "epoch: the PEs run it, and this manager, which only advises, does not know it",
     "plan_requested": "request, down, limits, phase, causes",
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
-    "plan_failed": "request, reason: the present configuration goes on",
+    "plan_failed": "request, reason: the planner could not answer; the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
-    "plan_kept": "request: the best plan is no better where it counts than what runs, which is left alone",
+    "plan_kept": "request: the best plan is no better where it counts than what runs, which therefore stays",
     "epoch_prepared": "epoch, digest, contingency (its number; 0: none), pes, bytes: PREPARE and the slices are out",
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
-    "commands_refused": "pe, unproven, other: so many commands a PE with a key has refused so far",
-    "states_unproven": "pe: it is heard, and proves nothing, though asked to: another key, none, or it does not hear",
-    "states_doubted": "pe, refused: so many states were not tagged by who they say; from now on two in a row must be",
+    "commands_refused": "pe, unproven, other: how many commands a PE with a key has refused so far",
+    "states_unproven": "pe: it is heard, and proves nothing when asked to: another key, no key, or a failed receiver",
+    "states_doubted": "pe, refused: so many of its states had a wrong tag; now only two true ones in a row count",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
     "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",
-    "standing_by": "node, term: this manager follows that one, and is ready to take over",
+    "standing_by": "node, term: this manager follows that one, and can take over",
     "refused": "term: most PEs say that they hear no LEASE, though it is sent; the manager begins a new term",
-    "hears_nobody": "term: no PE is heard any more; the manager says nothing until one is, and then begins a new term",
-    "stepped_down": "node, term: another manager reigns with a higher term; this one stands by from now on",
-    "taken_over": "term, before, silent_ns, phase: the manager of the term before is heard no more; this one reigns",
+    "hears_nobody": "term: no PE is heard any more; the manager sends nothing until one is, and then begins a new term",
+    "stepped_down": "node, term: another manager is active with a higher term; this one stands by from now on",
+    "taken_over": "term, before, silent_ns, phase: the PEs hear the previous manager no more; this one is active now",
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
-    "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw and the manager was at",
+    "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",
 }
 
 
@@ -85,7 +85,7 @@ class Snapshot:
     pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
     failed: list[str] = field(default_factory=list)  # latched elements
     links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
-    lost_channels: dict[str, list[str]] = field(default_factory=dict)  # of replicated buses: who lacks which one
+    lost_channels: dict[str, list[str]] = field(default_factory=dict)  # of replicated buses: the nodes that lack each
     plan: dict[str, Any] = field(default_factory=dict)
     stage: str = "starting"  # planning, preparing, activating, running
     reconfigurations: list[dict[str, Any]] = field(default_factory=list)
@@ -112,7 +112,7 @@ _STAGE = {
 
 
 def reduce(events: Iterable[Mapping[str, Any]], start: Snapshot | None = None) -> Snapshot:
-    """Fold events into a snapshot that goes on from `start`; kinds of a later version are passed over."""
+    """Fold events into a snapshot that goes on from `start`; kinds of a later version are ignored."""
     view = Snapshot() if start is None else _copy(start)
     for one in events:
         _apply(view, one)

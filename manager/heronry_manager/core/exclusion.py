@@ -1,29 +1,30 @@
-"""Who may still be driving what: the manager's half of "break before make" (rule 6).
+"""Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
 A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
 run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that it may be running places it there:
 
-    gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
-             is found running what another manager gave it, or a reign begins and has heard nothing of it
-    keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer ones: while it
-             reports an older epoch it may be about to take them up, and say no more
+    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when
+             it is found running what another manager gave it, or a mastership begins that has not heard it
+    keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer epochs: while it
+             reports an older epoch it may be about to take them up, without a further report
     loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
              lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
-             gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
-             been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
-             the first ALIVE that names it no more is on the bus: it may have heard others until then, and has stopped
-             by itself now
+             gateway may beat more slowly): it sends them for two periods after it has heard another node, which may
+             have been a period after its last state, and so does the gateway that forwards them. Any other token
+             T_lease after the first ALIVE that does not name it is on the bus: it may have heard other nodes until
+             then, and has stopped by itself after that
 
-Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
-of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
-clock jumped just after a step, all of it has never been. A jump that ends within a period is taken for time.
+Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two of
+its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the clock
+jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
 
 Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
-or doubled: a page 0 that is behind tells nothing (`deployment`). A restart knows nothing, and counts T_lease from its
-first ALIVE on for whoever it does not hear.
+or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease from
+its first ALIVE on for each PE that it does not hear.
 
-What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up although it
-speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
+What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up
+although it sends (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers
+wait too.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -39,17 +40,17 @@ class Exclusion:
     """Tokens held by each PE, as far as the manager can know."""
 
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
-        """`tells_departures`: an ALIVE is not said before `said` is called."""
+        """`tells_departures`: an ALIVE is on the bus when `said` is called; else as soon as `named` is."""
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
             pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
-        }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
+        }  # T_lease of each, as the PE itself counts it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
-        self._named: frozenset[str] = frozenset()  # by the last ALIVE
+        self._named: frozenset[str] = frozenset()  # PEs in the last ALIVE
         self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
-        self._unsaid: set[str] = set()  # left out by no ALIVE that is on the bus
+        self._unsaid: set[str] = set()  # PEs that no ALIVE on the bus has left out yet
         self._unsent_after_ns = {pe: unsent_ns(command_period_ns(spec, pe)) for pe in spec.pes}
-        self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
+        self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
@@ -59,7 +60,7 @@ class Exclusion:
                 self._possible[pe] |= self._tokens_of(module.name)
 
     def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
-        """Tokens that a configuration places on each PE."""
+        """Give the tokens that a configuration places on each PE."""
         placed: dict[str, set[str]] = {pe: set() for pe in self._spec.pes}
         for name, running in configuration.modules.items():
             placed[running.pe] |= self._tokens_of(name)
@@ -74,14 +75,14 @@ class Exclusion:
         return tokens
 
     def begun(self, now_ns: int, available: Collection[str]) -> None:
-        """A reign begins: who it does not hear may have been named by another one until now, and drive anything."""
+        """Begin a mastership: any PE that is not heard may have been named until now, and may drive anything."""
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()
         for pe in self._spec.pes.keys() - set(available):
             self.unknown(pe)
 
     def named(self, pes: Collection[str], now_ns: int) -> None:
-        """ALIVE names these PEs, and no others."""
+        """Note that an ALIVE which is about to go out names these PEs, and no others."""
         if self._tells_departures:
             self._unsaid |= self._named
         self._unsaid.difference_update(pes)
@@ -93,56 +94,56 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether `said` has anything to say."""
+        """Tell whether a call of `said` would have an effect."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
-        """An ALIVE that names these PEs, and no others, is on the bus."""
+        """Note that an ALIVE which names these PEs, and no others, is on the bus."""
         for pe in self._unsaid.difference(pes):
             self._last_named_ns[pe] = now_ns
         self._unsaid.intersection_update(pes)
 
     def heard(self, pe: str) -> None:
-        """A PE was heard: if it is declared down, its silence begins now."""
+        """Note that a PE was heard: if it is declared down, its silence begins now."""
         self._slept_ns[pe] = 0
 
     def slept(self, unknown_ns: int) -> None:
-        """By the clock so much time has passed in which this manager did not run: perhaps it has not."""
+        """Discount a gap in which this manager did not run, or its clock jumped (nanoseconds)."""
         self._slept_ns = {pe: slept_ns + unknown_ns for pe, slept_ns in self._slept_ns.items()}
         self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
         self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
-        """The first ACTIVATE of a configuration with these tokens is about to go out."""
+        """Give each PE these tokens: the first ACTIVATE of their configuration is about to go out."""
         for pe, tokens in placed.items():
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """A PE has reported the epoch of the first tokens: it has stopped everything else, and may take up the rest."""
+        """Keep only these tokens of a PE: it has reported the epoch of the first, and may take up the newer ones."""
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
-        """A PE returned as a new incarnation, or says that it runs nothing."""
+        """Take all tokens from a PE that is a new incarnation, or reports that it runs nothing."""
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
-        """A PE was declared down for its silence, and was heard last then: the identifiers of its modules get free."""
+        """Let a PE's identifiers run out: it was declared down for its silence, and last heard at `heard_ns`."""
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """A PE runs what this manager did not give it: it may hold whatever could be placed there."""
+        """Give a PE every token that could be placed there: it may run what this manager did not give it."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
-        """PEs counted on that must report `broken` before anybody starts what is new in this configuration."""
+        """Give the available PEs that must report BROKEN before any PE starts what is new in this configuration."""
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last PE not counted on has certainly stopped driving a DEMUX placed elsewhere; None: now."""
+        """When the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; None: now."""
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last PE not counted on has certainly stopped sending for a module placed elsewhere; None: now."""
+        """When the last unavailable PE has certainly stopped sending for a module placed elsewhere; None: now."""
         return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
@@ -162,7 +163,7 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Tokens that `pe` holds and must give up because this configuration has a holder on another PE."""
+        """Give the tokens that `pe` holds and must give up, because this configuration has a holder on another PE."""
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}

@@ -1,35 +1,38 @@
-"""What a standby manager does while another one reigns: it listens, learns, and knows when to take over (rule 7).
+"""What a standby manager does while another one is active: it listens, learns, and takes over (protocol rule 7).
 
-    following   LEASEs of the highest term come; what the manager holds (phase, latched faults), whom it counts on and
-                what it activates is taken down as if it were one's own (`memory`), and planned upon by nobody
-    orphaned    no LEASE came within T_lease, *and* more than half of the PEs that the manager counted on last, each
-                heard within T_lease (of its own bus, where that beats more slowly), say that they hear none either:
-                the manager is gone, and not just this wire
-    behind      LEASEs come, of a lower term than one that is known to have been used, and some PE says that it hears
-                none: it has heard the higher one and refuses these, and would do so for ever. For `LEARNS_LEASES`
-                times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
+    following   LEASEs of the highest term come; the standby manager notes what the active one holds (phase, latched
+                faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
+                makes no plan
+    orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
+                manager, each heard within T_lease (of its own bus, where that beats more slowly), report that they hear
+                none either: the manager is gone, and not just this wire
+    behind      LEASEs come, of a lower term than one that is known to have been used, and some PE reports that it hears
+                none: it has heard the higher term and refuses these LEASEs, and would do so for ever. For
+                `LEARNS_LEASES` times T_lease this manager learns what the other one holds; then it takes over with a
+                term that all PEs accept
 
-Where no manager was ever heard, the PEs that are heard are asked, after the start-up window: the aircraft may just have
-been switched on, and the first manager with it. If some PE runs a configuration, it flies, and T_lease is waited for
-thrice: a first manager that is being started now still goes first.
+Where no manager was ever heard, this manager looks, after the start-up window, at what the PEs report: the aircraft may
+just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
+manager waits for three times T_lease: a first manager that is being started now still goes first.
 
-With a key it may be that a PE speaks and cannot be believed: whoever was started after the sessions were opened knows
-none of them, and nobody opens another one while nobody reigns. If its word counted for nothing, no manager might ever
-take over. So where a PE has proven nothing within T_lease, it counts unproven: this manager has not heard a LEASE for
-as long with its own ears, and a liar can make it reign too early, but command nothing. The next reign waits for those
-(`unbelieved`), as after a restart: they prove who they are once they have heard it.
+With a key a PE may send and cannot be believed: a manager that was started after the sessions were opened knows none of
+them, and no manager opens another session while none is active. If such a PE did not count, no manager might ever take
+over. So where a PE has proven nothing within T_lease, it counts unproven. This manager itself has heard no LEASE for as
+long, and a forger can make it active too early, but command nothing. The next mastership waits for those PEs
+(`unbelieved`), as after a restart: they prove themselves once they have heard it.
 
-Lost: a LEASE that is missed here alone makes nobody take over, since the PEs have heard it. Late, doubled: nothing
-happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged states of more than half of the PEs and the
-manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
-one that was heard before nothing is believed, for as long as that one speaks. Who makes PEs refuse a reign that is
-behind loses nothing but that reign, to a manager that they obey.
+Lost: a LEASE that is missed here alone leads to no take-over, since the PEs have heard it. Late, doubled: nothing
+happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease; forged states of more than half of the PEs
+and the manager's silence make it take over, and then the true manager ends or stands by. This manager believes nothing
+of a manager with a lower term than one that was heard before, for as long as the one with the higher term sends. Forged
+states that make a mastership look refused end no more than that mastership, and a manager that the PEs accept follows
+it.
 
-Who only advises follows in the same way, beside a manager that reigns: it takes over nothing, and plans upon what it
-learns.
+A manager that only advises follows in the same way, beside an active manager: it takes over nothing, and plans upon
+what it learns.
 
-With a key LEASE, ALIVE and CONTROL count when they are proven, a state when it is believed; slices need no proof, since
-the digest in LEASE vouches for them. By that digest the states of PEs are read, too.
+With a key LEASE, ALIVE and CONTROL count when they are proven, and a state when it is believed. Slices need no proof,
+since the digest in LEASE proves them. That digest also serves to read the states of PEs.
 """
 
 from collections import OrderedDict
@@ -49,11 +52,11 @@ from heronry_wire.protocol_times import LEARNS_LEASES, t_lease_ns
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DIGESTS_KEPT = 4
-_GOES_FIRST = 3  # T_leases in flight; one is what a first manager listens for
+_GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
 
 
 class Following:
-    """What is known of the manager that reigns."""
+    """What is known of the active manager."""
 
     def __init__(
         self,
@@ -65,7 +68,7 @@ class Following:
         *,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """`patience_ns` is how long a manager that was never heard is waited for; `on_board` as for `Overheard`."""
+        """Wait `patience_ns` for a manager that was never heard; `on_board` as for `Overheard`."""
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         self._recent_ns = {
@@ -75,17 +78,17 @@ class Following:
         self._overheard = Overheard(spec, turn, on_board)
         self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
-        self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
-        self._orphaned_ns = turn.now_ns + patience_ns  # not before this
-        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where somebody flies
-        self.node: int | None = None  # the manager that reigns
+        self._unproven: dict[str, tuple[int, bool]] = {}  # the same of PEs that were heard, and not believed
+        self._orphaned_ns = turn.now_ns + patience_ns  # orphaned not before this
+        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where some PE runs a configuration
+        self.node: int | None = None  # the active manager
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
         self._behind_ns: int | None = None  # since when its term is lower than one that is known
-        self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE has named them
+        self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """A manager has spoken; gives what follows from a fact that it has told."""
+        """Take a command of another manager; gives what follows from a fact that it announces."""
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
@@ -101,7 +104,7 @@ class Following:
         return ()
 
     def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether this is an ALIVE of the manager that is followed: with it a fact was told, if one was due."""
+        """Tell whether this is an ALIVE of the manager that is followed: a fact came with it, if one was due."""
         return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
@@ -123,11 +126,11 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """What is known to run: what was activated last and could be put together, or was remembered."""
+        """What is known to run: what was activated last and could be put together, or was remembered; None: unknown."""
         return self._overheard.runs
 
     def planned(self, plan: Plan) -> None:
-        """A plan was made here: slices that are the same need not be overheard."""
+        """Note a plan that this manager has made: slices that are the same need not be overheard."""
         self._overheard.know(plan.configuration)
 
     def hears_lease(self) -> bool:
@@ -139,11 +142,11 @@ class Following:
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
-        """Digest of an epoch of the manager that reigns, or has reigned; None of one that is not known."""
+        """Give the digest of an epoch of the active or the previous manager; None: it is not known."""
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """A PE has said what it runs, and whether it hears a manager."""
+        """Take a state of a PE: what it runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:
@@ -157,26 +160,26 @@ class Following:
         if now_ns < self._orphaned_ns:
             return False
         heard = self._heard()
-        asked = self._available or heard.keys()
-        orphans = sum(1 for pe in asked if heard.get(pe) is False)
-        return 2 * orphans > len(asked)
+        reporting = self._available or heard.keys()
+        orphans = sum(1 for pe in reporting if heard.get(pe) is False)
+        return 2 * orphans > len(reporting)
 
     def most_hear_none(self) -> bool:
-        """Tell whether most PEs that are heard, whoever counts on them, say that they hear no LEASE."""
+        """Tell whether most PEs that are heard, available or not, report that they hear no LEASE."""
         heard = self._heard().values()
         return 2 * sum(not hears for hears in heard) > len(heard)
 
     def available(self) -> frozenset[str]:
-        """PEs that the manager counted on, when it was last heard to say so."""
+        """Give the PEs in the active manager's last ALIVE."""
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
+        """Give the PEs that are heard and have proven nothing; if a manager is known, those available to it."""
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Who was heard within T_lease, and whether it hears a LEASE; what is proven counts before what is not."""
+        """By PE heard within T_lease: whether it hears a LEASE; a proven state counts before an unproven one."""
         return self._recently(self._unproven) | self._recently(self._said)
 
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
@@ -184,5 +187,5 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """When it may come to be orphaned without a word from anybody."""
+        """When the PEs may become orphaned without a further frame, in nanoseconds."""
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

@@ -1,31 +1,32 @@
-"""Which PEs the manager counts on: suspect, ask, declare, and let back in.
+"""Which PEs are available to the manager: suspect, PING, declare down, and let back in.
 
 One record per PE, moved by what is heard of it and by time alone (never by what was commanded): WAITING, UP, SUSPECT,
 DOWN or RETURNING, as the table in `standing` says.
 
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
-return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
-A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
-been counted on for a minute, or by the operator (`forgive`). Where all fall silent at once, it is this manager that
-hears nobody: that is held against none of them (`take_back`), or whoever is deaf now and then would find its whole
-aircraft in quarantine.
+return together. So does a PE that reports UNCONFIGURED although it was given a configuration (`lost_configuration`). A
+PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. Its losses are forgiven when
+it has been available for a minute, or by the operator (`forgive`). Where all PEs fall silent together, it is this
+manager that hears none: their losses are discounted (`discount_losses`). Else a manager whose receiver fails now and
+then would find all PEs of its aircraft in quarantine.
 
-A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the slowest
-bus on the way to it, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it
-is failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
-left, it is the manager that is not heard; then nobody is failed for it, and what runs goes on.
+A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports so for longer
+than T_lease of the slowest bus on the way to it, while the manager sends, has certainly let go of what is exclusive,
+and can be commanded nothing: it is failed, and does not come back before it hears. Where more than half of the
+available PEs report so, or no other is left, it is the manager that is not heard; then no PE is failed for it, and what
+runs goes on.
 
-A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
-proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, for that
-is but the word of the reign before, and nothing that it drives is given to anybody meanwhile. One that does not even
-speak any more is not waited for. Nor is anybody held down whom that reign counted on to the last, and who still runs
-what it was given (`vouched_for`): it was this manager that did not hear it.
+A mastership that begins where another one has ended may know of a PE that it was available until now, and sends, but
+has proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, since
+only the previous manager has believed it, and nothing that it drives is given to another PE meanwhile. A PE that no
+longer sends at all is not waited for. Nor is a PE held down that was available to the previous manager to the last, and
+still runs what it was given (`inherited`): it was this manager that did not hear it.
 
-One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
+A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
 
-Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
-last one, so that a beat on its way when the last period ends still counts. What the manager slept through is not held
-against anybody: the driver hands over all frames before it lets a deadline pass.
+Time: a beat is late a quarter of a period after it was due; a PE is declared down `misses` periods and a quarter after
+its last beat, so that a beat on its way when the last period ends still counts. A pause of the manager is held against
+no PE: the driver hands over all frames before it lets a deadline pass.
 """
 
 from collections.abc import Iterable
@@ -50,12 +51,12 @@ from heronry_wire.sansio import NEVER_NS
 class Change(Enum):
     """What happened to a PE."""
 
-    JOINED = "joined"  # counted on from now
+    JOINED = "joined"  # available from now on
     SUSPECTED = "suspected"
-    ANSWERED = "answered"  # a suspect is heard again in time
-    LOST = "lost"  # was counted on, and is silent
-    FAILED = "failed"  # was counted on, and does not do what it was told; it may still drive what it drove
-    REBOOTED = "rebooted"  # the same, and what ran there has certainly stopped
+    ANSWERED = "answered"  # a suspect, heard again in time
+    LOST = "lost"  # was available, and is silent
+    FAILED = "failed"  # was available, and does not do what it was commanded; it may still drive what it drove
+    REBOOTED = "rebooted"  # was available; what ran there has certainly stopped
     ABSENT = "absent"  # not heard before the start-up window closed
     HEARD_AGAIN = "heard again"  # hold-down begins
 
@@ -75,7 +76,7 @@ class _Record:
     name: str
     period_ns: int
     misses: int
-    command_period_ns: int  # in which LEASE comes to it
+    command_period_ns: int  # of LEASE, where it arrives
     standing: Standing = Standing.WAITING
     heard_ns: int | None = None
     incarnation: int | None = None
@@ -83,16 +84,16 @@ class _Record:
     joined_ns: int = 0
     losses: int = 0  # since it was last forgiven
     lost_ns: int | None = None  # when the last one of these was counted
-    cause: str | None = None  # why it is down
-    receive_failed_since_ns: int | None = None  # since when it has said that it hears no lease
+    cause: str | None = None  # of being down
+    receive_failed_since_ns: int | None = None  # since when it has reported that it hears no lease
     barred: bool = False
-    awaited_again: bool = False  # another reign counted on it
-    spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
-    said: int | None = None  # incarnation that it has said last, proven or not
+    awaited_again: bool = False  # it was available to the previous manager
+    spoke_ns: int = 0  # when it last sent a state, believed or not
+    said: int | None = None  # its incarnation in its last state, proven or not
     said_since_ns: int = 0
 
     def move(self, event: StandingEvent) -> None:
-        """Let the standing be what an event makes of it."""
+        """Change the standing by an event; raises InvariantError where the table has no such row."""
         self.standing = TRANSITIONS.after(self.standing, event)
 
     def says(self, incarnation: int, now_ns: int) -> None:
@@ -121,10 +122,10 @@ class _Record:
 
 
 class Health:
-    """Standing of every PE of a spec."""
+    """The standing of every PE of a spec."""
 
     def __init__(self, spec: Spec, now_ns: int, window_ns: int) -> None:
-        """Open the start-up window of `window_ns` at `now_ns`."""
+        """Open the start-up window of `window_ns` at `now_ns` (nanoseconds)."""
         self._window_closes_ns: int | None = now_ns + window_ns
         self._records = {}
         for pe in spec.pes.values():
@@ -132,45 +133,45 @@ class Health:
             self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses, command_period_ns(spec, pe.name))
 
     def standing(self, pe: str) -> Standing:
-        """Where a PE stands now."""
+        """Give the standing of a PE."""
         return self._records[pe].standing
 
     def cause(self, pe: str) -> str | None:
-        """Why a PE is not counted on; None where it is, or may still be starting."""
+        """Why a PE is not available; None: it is, or may still be starting."""
         return self._records[pe].cause
 
     def incarnation(self, pe: str) -> int | None:
-        """Incarnation that a PE has told last; None before its first page 0."""
+        """Incarnation in a PE's last believed page 0; None before the first."""
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Incarnation that a PE has said since some time, proven or not: enough to tell one request from another."""
+        """A PE's incarnation, proven or not, if unchanged since `since_ns`; else None. It tells requests apart."""
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
     def losses(self, pe: str) -> int:
-        """How often a PE was lost since it was last forgiven."""
+        """How often a PE was lost since its losses were last forgiven."""
         return self._records[pe].losses
 
     def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
-        """How long a returning PE is still held down; None for any other."""
+        """How long a returning PE is still held down, in nanoseconds; None for any other."""
         record = self._records[pe]
         if record.standing is not Standing.RETURNING:
             return None
         return max(0, record.returning_since_ns + record.hold_down_ns() - now_ns)
 
     def is_available(self, pe: str) -> bool:
-        """Tell whether a PE is up or merely suspect."""
+        """Tell whether a PE is UP or SUSPECT."""
         return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
 
     def available(self) -> list[str]:
-        """PEs that are up or merely suspect."""
+        """Give the PEs that are UP or SUSPECT, in the spec's order."""
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
-    def hears_nobody(self, now_ns: int) -> bool:
-        """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on.
+    def hears_no_pe(self, now_ns: int) -> bool:
+        """Tell whether some PE was heard before, and all of them have missed all they may: none is available.
 
-        Where nobody was ever believed, those count that spoke.
+        Where no PE was ever believed, the unproven states count.
         """
         if self.available():
             return False
@@ -180,25 +181,25 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""
+        """Discount the losses after the last frame of any PE: this manager hears none. Gives the PEs concerned."""
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
-        wronged = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
-        for record in wronged:
+        discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
+        for record in discounted:
             record.losses, record.lost_ns = record.losses - 1, None
-        return [record.name for record in wronged]
+        return [record.name for record in discounted]
 
     def starting(self) -> bool:
         """Tell whether some PE has not been heard and may still be starting."""
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
-        """Heartbeat period of a PE on the bus on which it reports."""
+        """Heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
         return self._records[pe].period_ns
 
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
-        """A state frame of a PE arrived; `incarnation` where the page says it.
+        """Take a state frame of a PE; `incarnation` where the page has it.
 
-        hears_lease: it hears the manager, or could not, since that does not speak.
+        hears_lease: the PE hears the manager, or cannot, since the manager does not send.
         """
         record = self._records[pe]
         last, record.heard_ns = record.heard_ns, now_ns
@@ -231,7 +232,7 @@ class Health:
         return changes + self._fail_if_receive_failed(record, last, now_ns)
 
     def _fail_if_receive_failed(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
-        """Stop counting on a PE that does not hear the manager, though others do."""
+        """Fail a PE that does not hear the manager, though others do."""
         if not record.receive_has_failed(now_ns) or not self.is_available(record.name):
             return []
         available = self.available()
@@ -241,7 +242,7 @@ class Health:
         return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
     def in_flight(self, now_ns: int) -> None:
-        """Somebody runs a configuration already: nobody is starting, and who lives is heard within its misses."""
+        """Shorten the start-up window: some PE runs a configuration, so a live PE is heard within its misses."""
         if self._window_closes_ns is None:
             return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
@@ -249,7 +250,7 @@ class Health:
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
-        """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
+        """Wait for PEs that were available to the previous manager, and have to prove themselves to this one."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
@@ -258,56 +259,57 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """A reign begins: these were counted on by the one before, and still run what it gave them."""
+        """Let in PEs that were available to the previous manager, and still run what it gave them."""
         return [
-            self._join(record, now_ns, StandingEvent.VOUCHED_FOR, "the manager before counted on it")
+            self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))
             if record.standing is Standing.RETURNING
         ]
 
     def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
-        """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
+        """Note that a PE sends, though it cannot be believed: that changes no standing."""
         record = self._records[pe]
         record.spoke_ns = now_ns
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Who has not done so yet, while the window is open."""
+        """Give the PEs that still have to prove themselves to this manager, while the window is open."""
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
-        """The operator counts a PE out, whatever it says."""
+        """Keep a PE out until `forgive`, whatever it sends: a fault is latched on it."""
         record = self._records[pe]
         record.barred, record.cause = True, cause
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def forgive(self, pe: str) -> bool:
-        """The operator lets a PE in again, after the shortest hold-down; tells whether anything kept it out."""
+        """Let a PE in again, after the shortest hold-down; tells whether anything kept it out."""
         record = self._records[pe]
         kept_out = record.barred or self.is_quarantined(pe)
         record.barred, record.losses = False, 0
         return kept_out
 
     def quarantine(self, pe: str, losses: int) -> None:
-        """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
+        """Hold a PE down for as many losses as before a restart, once it is heard."""
         record = self._records[pe]
         record.move(StandingEvent.QUARANTINED)
         record.losses, record.cause = losses, f"it was lost {losses} times"
         self._close_window_if_all_heard()
 
     def is_quarantined(self, pe: str) -> bool:
-        """Tell whether a PE is held out for longer than who was lost once."""
+        """Tell whether a PE is held down for longer than after a single loss."""
         return not self.is_available(pe) and self._records[pe].losses > 1
 
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
-        """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
+        """Take a PE for lost for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
-        """A gateway hears none of these any more: those that have missed their periods here too are lost, all at once.
+        """Take these PEs for lost, which a gateway no longer hears: all together.
 
-        One that may miss more is given up, but may still drive what it drove: a word that is not true frees nothing.
+        A PE that has missed its periods here too is LOST. Any other is FAILED: it may still drive what it drove, so a
+        false report of a gateway frees nothing.
         """
         changes: list[HealthChange] = []
         for record in map(self._records.__getitem__, pes):
@@ -317,7 +319,7 @@ class Health:
         return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
-        """Let time pass."""
+        """Let time pass; gives what changes by that."""
         changes: list[HealthChange] = []
         for record in self._records.values():
             changes += self._tick_one(record, now_ns)
@@ -331,7 +333,7 @@ class Health:
         return changes
 
     def next_deadline_ns(self) -> int | None:
-        """When `tick` has something to do."""
+        """Give the time of the next `tick`, in nanoseconds; None: none is due."""
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:

@@ -1,15 +1,15 @@
-"""Frames in: each is decoded, weighed by its authenticity, and handed to the part that it concerns.
+"""Frames in: each is decoded, authenticated where there is a key, and handed to the part that it concerns.
 
     state of a PE          `pe_reports`; with a key as far as it is believed
-    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it, unless nothing follows from it (that a
+    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it, unless it has no consequence (that a
                            channel of a replicated bus is lost)
-    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since an
-                           ACTIVATE or a LEASE that is proven names the digest of what they bring
+    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since a proven
+                           ACTIVATE or LEASE names the digest of what they bring
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
-    request of anybody     to identify oneself (CANaerospace): answered by `identification`
+    request of any node    to identify oneself (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
-Late, doubled, forged: see the part that is given it.
+The part that takes a frame says what follows if it is late, doubled or forged.
 """
 
 from heronry_manager.core.knowledge import Knowledge
@@ -57,7 +57,7 @@ class Inbound:
         }
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether frames of an identifier mean anything here; a driver may keep all others to itself."""
+        """Tell whether frames of an identifier mean anything here; a driver need not hand over the others."""
         return (
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
@@ -83,7 +83,7 @@ class Inbound:
             self._command(*self._manager_ids[frame.can_id], frame)
 
     def tick(self) -> None:
-        """Answer who asks for identification, where that is due."""
+        """Send the answer to a request for identification, where one is due."""
         self._turn.ask(*self.identification.tick(self._turn.now_ns))
 
     def _state(self, pe: str, data: bytes) -> None:

@@ -3,12 +3,12 @@
 What is remembered (`memory`) survives: the parts take it up as they are made anew. The parts that act hold this one
 object, and look up in it at each call what is known now.
 
-    health          which PEs are counted on
-    exclusion       what PEs that are silent may still drive
+    health          which PEs are available
+    exclusion       what silent PEs may still drive
     situation       what has failed, what has shrunk, and the phase
-    deployment      what runs, what is being prepared, and what each PE says that it runs
+    deployment      what runs, what is being prepared, and what each PE reports that it runs
     advice          of a manager that only advises: what it has told last
-    following       what another manager, who is active, says and does
+    following       what another manager, which is active, sends and does
     authenticity    with a key: what has been proven; else None
 """
 
@@ -26,7 +26,7 @@ from heronry_wire.sansio import require
 
 
 class Knowledge:
-    """The parts of the core that know something."""
+    """The parts of the core that hold knowledge."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._settings, self._turn, self._claim = settings, turn, claim
@@ -50,12 +50,12 @@ class Knowledge:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Digest of an epoch of this manager, or of the one that was followed; None of one that is not known."""
+        """Give the digest of an epoch of this manager, or of the one that was followed; None: it is not known."""
         known = self.deployment.digest_of(epoch)
         return self.following.digest_of(epoch) if known is None else known
 
     def unknown_epoch(self) -> int | None:
-        """Epoch that runs, where this manager does not know what that is."""
+        """Epoch that runs, where this manager does not know its configuration; else None."""
         return self.deployment.unknown_epoch(self.following.leased_epoch())
 
     def validate(self) -> None:
@@ -68,7 +68,7 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """What a restart would find is what is known now."""
+        """Check that a restart would find what is known now."""
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs
         require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)

@@ -1,26 +1,27 @@
 """The situation as the manager knows it: what is down, what has shrunk, and the phase.
 
-Whatever changes it gives back what follows, as values, in the order in which that is to be done (`reactions`):
+A change of it gives back what follows, as values, in the order in which that is to be done (`reactions`):
 
-    HealthChange      a PE is counted on no more: it was latched, or its radio is gone
+    HealthChange      a PE is no longer available: it was latched, or its radio is gone
     PlanNeeded        what runs was planned for another situation
     LimitChanged      a radio has another limit: what runs may be as good as any under it
-    ModuleReleased    a module is taken for well again that its PE has stopped: only another epoch starts it
+    ModuleReleased    a module counts as well again that its PE has stopped: only another epoch starts it
 
-Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
-`radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` and `restarts_told` are told of, and are no
-part of a plan. What a lost, late, doubled or forged message does to any of them is written there.
+Down is what is latched (`latched_faults`), and every PE that is not available (`health`). `radio_links` says what a
+radio has left, and `mission_phase` the phase; `lost_channels` and `restarts_told` are for reports, and no part of a
+plan. Each of these says what follows from a lost, late, doubled or forged message.
 
-A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
+A PE that is latched is barred: whatever it sends, it is not available until it is cleared.
 
-That the manager's own bus has failed is no part of a plan, whoever says so: it was heard there, and a plan for it would
-stop everything that flies.
+A report that the manager's own bus has failed is no part of a plan: the report was heard on that bus, and a plan
+without it would stop everything that flies.
 
-Who stands by hears what is latched in turn (`announcing`), and what is cleared once. What it has not been told again
-for three turns is latched no more: a CLEAR that was lost costs some beats. So does who advises beside it, but for what
-the operator has told this manager himself: that he only supposes, and it stays until somebody says something new of it.
+A standby manager hears in turn what is latched (`announcing`), and once what is cleared. What it has not heard again
+for three turns is latched no more: a lost CLEAR costs some beats. The same holds for a manager that advises beside the
+active one, except for what the operator has told the advising manager itself: that is a supposition, and it stays until
+another report of it comes.
 
-All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
+All of it outlives a restart (`memory`), and so does a quarantine: a PE that is held down for long goes on waiting.
 """
 
 from collections import Counter
@@ -33,7 +34,7 @@ from heronry_dg.situation import Situation, survivors
 from heronry_manager.core.health import Health, HealthChange
 from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.lost_channels import LostChannels
-from heronry_manager.core.memory import Asked, Cleared, Latched, PhaseEntered, Released
+from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
 from heronry_manager.core.mission_phase import MissionPhase
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
@@ -42,15 +43,15 @@ from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 
-"""Beats from one thing that the manager who reigns tells in turn to the next."""
+"""Beats from one fact that the active manager announces in turn to the next."""
 
 _KINDS = frozenset(ElementKind)
-_TURNS = 3  # in which something that is latched may stay untold
+_TURNS = 3  # in which a latched fault may stay unannounced
 
 
 @dataclass(frozen=True, slots=True)
 class PlanNeeded:
-    """The situation is another one, for this cause.
+    """The situation has changed, for this cause.
 
     since_ns: the last sign of the old situation, where it is older than this moment.
     """
@@ -78,10 +79,10 @@ Changes = Sequence[SituationChange]
 
 
 class KnownSituation:
-    """What is down, and the phase."""
+    """What is down, what is limited, and the phase."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
-        """Know what is remembered, and nothing else."""
+        """Begin with what is remembered, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
         self._mission = MissionPhase(spec)
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # for which a frame may wait
@@ -91,9 +92,9 @@ class KnownSituation:
         self.channels = LostChannels(spec, turn)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"
-        self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
-        self._told_phase: int | None = None  # by another manager, last
-        self._has_just_told_phase = False  # with nothing after it but which requests have been obeyed
+        self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
+        self._told_phase: int | None = None  # the phase that another manager announced last
+        self._has_just_told_phase = False  # and after it only which requests it has executed
         self._remember()
 
     @property
@@ -102,22 +103,22 @@ class KnownSituation:
         return self._mission.current
 
     def now(self) -> Situation:
-        """What plans are made for."""
+        """Give the situation that plans are made for."""
         return Situation(self.down(), self.links.limits(), self.phase)
 
     def spares(self, plan: Plan) -> bool:
-        """Tell whether a plan for other limits is legal under these, and none has risen: it is as good as any."""
+        """Tell whether a plan for other limits is as good as any now: legal under these, and no limit has risen."""
         limits = self.links.limits()
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
 
     def link_reported(self, frame: Frame) -> Changes:
-        """A gateway says how a radio is doing."""
+        """Take a gateway's report on its radio; gives what follows."""
         changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
         anybody = any(self._health.is_available(pe) for pe in beyond)
-        for change in self.links.heard(frame, self._turn.now_ns, anybody_beyond=anybody):
+        for change in self.links.heard(frame, self._turn.now_ns, any_pe_beyond=anybody):
             radio = change.radio
             cause = f"bus:{radio.bus} is {change.what}, says {radio.gateway}"
             match change.what:
@@ -133,10 +134,10 @@ class KnownSituation:
         return changes
 
     def _remember(self) -> None:
-        """Take up what was known before a restart."""
+        """Take up what is remembered over a restart."""
         memory, now_ns = self._turn.memory, self._turn.now_ns
         self._mission.current = memory.phase or self._mission.current
-        self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.asked.items()})
+        self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.phase_requests.items()})
         for one in memory.latched.values():
             self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
             kind, _, name = one.element.partition(":")
@@ -146,12 +147,12 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Everything that is down, as `kind:name`."""
+        """Elements that are down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
-        """A PE reports a fault; gives what follows, or None where that was not understood."""
+        """Take a PE's report of a fault; gives what follows, or None where it names nothing in the spec."""
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
             return None
@@ -161,7 +162,7 @@ class KnownSituation:
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """A PE asks for a phase; gives what follows, or None where that was not heard."""
+        """Take a PE's request for a phase; gives what follows, or None where it is not to be acknowledged."""
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is None or not self._mission.knows(request.index):
             return None
@@ -171,20 +172,20 @@ class KnownSituation:
         return ()
 
     def _request_answered(self, pe: str, detail: int) -> None:
-        """Another manager has said, perhaps a moment ago, that it has obeyed a request of the incarnation of then."""
+        """Note that another manager has executed a request, of the incarnation that the PE had when that was sent."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is not None:
             self._request_accepted(pe, incarnation, detail)
 
     def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
+        """Note that a request of a PE is executed, here or by another manager; tells whether it is a new one."""
         if not self._mission.accepted(pe, incarnation, detail):
             return False
-        self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
+        self._turn.keep(PhaseRequest(pe, incarnation, detail & ~FORWARD_ONLY))
         return True
 
     def overheard(self, manager: int, told: Control) -> Changes:
-        """Another manager is active, and has said what it holds, what is cleared, or which request it has obeyed."""
+        """Take a fact of the active manager: what it holds, what is cleared, which request it has executed."""
         if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
             if told.node in self._pe_of_node and self._has_just_told_phase:
                 self._request_answered(self._pe_of_node[told.node], told.b)
@@ -208,7 +209,7 @@ class KnownSituation:
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
     def held_no_longer(self) -> list[str]:
-        """Another manager is active, and has told a fact if one was due: gives what it does not hold any more."""
+        """Count a beat of the active manager; gives the elements that it holds no longer."""
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
@@ -216,7 +217,7 @@ class KnownSituation:
         return [element for element in sorted(elements) if self._untold[element] > longest]
 
     def latch(self, fault: LatchedFault) -> Changes:
-        """An element has failed, as somebody says."""
+        """Latch a fault; gives what follows."""
         is_news = fault.element not in self.failed.elements
         if self.failed.latch(fault):
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
@@ -232,7 +233,7 @@ class KnownSituation:
         return changes
 
     def clear(self, element: str, by: str) -> Changes | None:
-        """An element is taken for well again; gives what follows, or None where nothing was held against it."""
+        """Clear an element; gives what follows, or None where nothing was latched on it and it was in no quarantine."""
         fault = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
@@ -251,7 +252,7 @@ class KnownSituation:
         return changes
 
     def enter(self, phase: str, by: str) -> Changes:
-        """Somebody wants another mission phase."""
+        """Enter another mission phase; gives what follows."""
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)

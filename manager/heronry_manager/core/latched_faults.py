@@ -1,13 +1,14 @@
-"""Faults that somebody reported: each is latched by the element that failed (protocol rule 8).
+"""Faults that were reported: each is latched by the element that failed (protocol rule 8).
 
-    well      nobody has said anything
-    latched   a PE has reported it, or the operator has said so: it counts as down, whoever says so again and however
-              often. Only the operator's word ends that (`clear`). What a PE reports of an element that the operator
-              has failed takes the place of his word: that PE may have stopped it
+    well      no fault is reported
+    latched   a PE has reported a fault, or the operator has: the element counts as down, however often that is
+              repeated. Only the operator ends that (`clear`). What a PE reports of an element that the operator has
+              failed takes the place of the operator's word: that PE may have stopped the element
 
-Lost, or said during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
-operator has cleared the element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged:
-it takes the element out of use until the operator clears it. A restart remembers all of it but since when.
+Lost, or sent during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
+operator has cleared the element latches it again; what is still wrong is found again anyway. Doubled: no effect.
+Forged: it takes the element out of use until the operator clears it. A restart remembers all but the times of the
+faults.
 """
 
 from dataclasses import dataclass
@@ -15,15 +16,15 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_wire.management import ElementKind
 
-OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: what it names goes on until it is planned around
-HELD_CODE = "HOLDS"  # of one that another manager holds: it does not say who has reported it
+OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: the element goes on running until a plan leaves it out
+HELD_CODE = "HOLDS"  # of one that another manager holds: it does not say which PE has reported it
 _OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
 
 
 @dataclass(frozen=True, slots=True)
 class LatchedFault:
-    """One element that counts as failed: who said so, why, and when (the manager's clock)."""
+    """One element that counts as failed: which node reported it, why, and when (the manager's clock)."""
 
     element: str
     by: str  # a PE, or "the operator"
@@ -54,18 +55,18 @@ class LatchedFaults:
         return list(self._failed.values())
 
     def element(self, kind: ElementKind, index: int) -> str | None:
-        """Element that an EMCY names; None where the spec has no such one."""
+        """Give the element that an EMCY names; None: the spec has no such element."""
         names = self._names.get(kind, ())
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
     def place(self, element: str) -> tuple[ElementKind, int] | None:
-        """Kind and index by which CONTROL names an element; None for a channel, which it cannot name."""
+        """Give the kind and index by which CONTROL names an element; None for a channel, which it cannot name."""
         kind, _, name = element.partition(":")
         names = self._names.get(_KINDS[kind], ()) if kind in _KINDS else ()
         return (_KINDS[kind], names.index(name)) if name in names else None
 
     def latch(self, fault: LatchedFault) -> bool:
-        """Latch a fault; tells whether it is kept: it is news, or says more than the operator's word."""
+        """Latch a fault; tells whether it is kept: it is new, or says more than the operator's word."""
         before = self._failed.get(fault.element)
         if before is not None and (before.code != OPERATOR_CODE or fault.code in _OF_NO_PE):
             return False
@@ -73,5 +74,5 @@ class LatchedFaults:
         return True
 
     def clear(self, element: str) -> LatchedFault | None:
-        """The operator takes an element for well; gives what was latched, if anything."""
+        """Clear an element; gives the fault that was latched on it, or None."""
         return self._failed.pop(element, None)

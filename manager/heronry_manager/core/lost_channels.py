@@ -1,17 +1,18 @@
-"""Channels of replicated buses that carry nothing, as this manager's own driver and the PEs tell: a report, no fault.
+"""Channels of replicated buses that carry nothing, as this manager's own driver and the PEs report: a report, no fault.
 
-A bus with one channel left is a bus: no plan changes, nothing that is under way is given up, and the contingencies made
-ahead serve as before. Where both channels of a bus are gone its PEs are silent, and that is `health`'s affair. So this
-is kept beside the situation, for people: an event when somebody loses a channel or has it back, and who lacks which one
-in `heronry status`. Everybody who hears a bus lacking a channel means that the channel is broken; one PE, its own wire.
+A bus with one channel left is a bus: no plan changes, nothing that is under way is given up, and the contingencies
+serve as before. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So this is kept
+beside the situation, for people: an event when a node loses a channel or has it back, and the nodes that lack each
+channel in `heronry status`. If all nodes on a bus lack a channel, the channel is broken; if one PE does, its own wire
+is.
 
-    lost    the PE has told so (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
-    well    it has told so (CHANNEL_BACK), or has told nothing for so long; or its driver says so, where it is the
-            manager's own
+    lost    the PE has reported it (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
+    well    the PE has reported it (CHANNEL_BACK), or has reported nothing for so long; or the manager's driver reports
+            it, where the channel is lacking to the manager itself
 
-Lost: a report is repeated every second. Late or doubled: no news. Forged: a false line in the status, for three
-seconds. A restart, or a standby that takes over, knows within a second. A PE that names what the spec does not have is
-ignored.
+Lost: a report is repeated every second. Late or doubled: no effect. Forged: a false line in the status, for three
+seconds. A manager that restarts, or takes over, knows the channels within a second. A report that names what the spec
+does not have is ignored.
 """
 
 from heronry_dg.model import Spec
@@ -23,15 +24,15 @@ OWN = "the manager"
 
 
 class LostChannels:
-    """Who lacks which channel."""
+    """Which node lacks which channel."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._spec, self._turn = spec, turn
-        self._told_ns: dict[tuple[str, str], int] = {}  # channel and who lacks it -> when that was told last
+        self._told_ns: dict[tuple[str, str], int] = {}  # (channel, node that lacks it) -> time of the last report
         self._own: frozenset[str] = frozenset()
 
     def own(self, channels: frozenset[int]) -> None:
-        """The driver says which channels of the manager's bus carry nothing here."""
+        """Take from the driver which channels of the manager's bus carry nothing here."""
         before, self._own = self._own, frozenset(f"{self._spec.manager.bus}.{number}" for number in channels)
         for channel in sorted(self._own - before):
             self._turn.emit("channel_lost", channel=channel, by=OWN)
@@ -39,7 +40,7 @@ class LostChannels:
             self._turn.emit("channel_back", channel=channel, by=OWN)
 
     def reported(self, pe: str, emergency: Emergency) -> None:
-        """A PE says that a channel of one of its buses carries nothing, or does so again."""
+        """Take a PE's report that a channel of one of its buses carries nothing, or carries frames again."""
         buses = self._spec.pes[pe].buses
         bus = self._spec.buses[buses[emergency.index]] if emergency.index < len(buses) else None
         if bus is None or bus.channels == 1 or not 1 <= emergency.detail <= bus.channels:
@@ -53,12 +54,12 @@ class LostChannels:
         self._told_ns[key] = self._turn.now_ns
 
     def beat(self) -> None:
-        """Time passes: what nobody repeats is over."""
+        """Let time pass: a channel whose loss is no longer reported counts as back."""
         for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS]:
             self._forget(key)
 
     def lost_by(self) -> dict[str, list[str]]:
-        """Who lacks each channel of each replicated bus, in the spec's order."""
+        """Give the nodes that lack each channel of each replicated bus, in the spec's order."""
         witnesses = (OWN, *self._spec.pes)
         return {
             channel: [by for by in witnesses if (channel, by) in self._told_ns or (by == OWN and channel in self._own)]

@@ -1,30 +1,30 @@
-"""The manager's core: frames, time, plans and orders in; frames, questions, events and records out.
+"""The manager's core: frames, time, plans and orders in; frames, requests for plans, events and records out.
 
-It decides nothing itself, and says only which part acts, and in which order. No clock, socket, solver or file.
+This file decides nothing itself: it says only which part acts, and in which order. No clock, socket, solver or file.
 
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
 
-    knowledge      what is known: health, situation, what runs, what another manager says; forgotten as a whole
-    mastership     listening, standing by, starting, reigning or retired; carried out by `succession`
-    inbound        every frame, decoded and weighed by its authenticity
-    pe_reports     what PEs say of themselves
+    knowledge      what is known: health, situation, what runs, what another manager sends; forgotten as a whole
+    mastership     listening, standing by, starting, active or retired; carried out by `succession`
+    inbound        every frame, decoded and authenticated
+    pe_reports     what PEs report of themselves
     reactions      what follows from a change of health or of the situation
     replanning     from another situation to a plan, from a plan to what runs
-    beat           what an active manager says in each period
+    beat           what an active manager sends in each period
 
-The loop of its life: *health* says which PEs are counted on; together with the latched faults that is the *situation*.
-When the situation changes, a plan is asked for (`RequestPlan`, answered by `PlanReady` or `PlanFailed`, stamped, so
-that an answer to an older question is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch becomes what
-runs. A mission phase that is asked for, and an element that the operator fails or clears, change the situation like a
-fault.
+The loop: *health* says which PEs are available; together with the latched faults that is the *situation*. When the
+situation changes, the core requests a plan (`RequestPlan`, answered by `PlanReady` or `PlanFailed` with the same
+number, so that an answer to an older request is dropped). A plan becomes an epoch (`Reconfiguration`), and the epoch
+becomes what runs. A mission phase that is requested, and an element that the operator fails or clears, change the
+situation like a fault.
 
-After each event, in this order: a standby manager takes over, if no manager is active any more; an ALIVE without a PE
-that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the driver gives it
-the frames first.
+After each event, in this order: a standby manager takes over, if no manager is active any more; an ALIVE goes out
+without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
+driver gives it the frames first.
 
-What a restart does: a new term, then the same start as ever, with all that is remembered (`memory`, kept by the driver
-in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
+After a restart: a new term, then the normal start, with all that is remembered (`memory`, kept by the driver in
+the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
 """
 
 from typing import Any
@@ -81,15 +81,15 @@ class ManagerCore:
         standby: bool = False,
         tells_departures: bool = False,
     ) -> None:
-        """Start listening at `now_ns` with what is remembered of this spec; the rest is said in `ManagerSettings`.
+        """Start listening at `now_ns` with what is remembered of this spec; `ManagerSettings` has the rest.
 
         Raises NoTermError where all terms have been used.
         """
         settings = ManagerSettings(spec, node, window_ns, advise, on_board, key, standby, tells_departures)
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
-        self.lease_ns = settings.lease_ns  # T_lease; what could not be sent for so long is not sent at all
-        self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, as long as it runs
+        self.lease_ns = settings.lease_ns  # T_lease; the driver drops a frame that could not be sent for so long
+        self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, without a pause
         turn = self._turn = Turn(node, now_ns, term=next_term(node, memory.term), memory=memory, silent=advise)
         claim = self._claim = Claim(settings, turn)
         known = self._known = Knowledge(settings, turn, claim)
@@ -119,16 +119,16 @@ class ManagerCore:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether it commands."""
+        """Tell whether this manager commands, or, where it only advises, would."""
         return self._claim.is_active
 
     @property
     def term(self) -> int:
-        """Number of its reign, the present or the last one."""
+        """Number of its mastership, the present or the last one."""
         return self._turn.term
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether frames of an identifier mean anything here; a driver may keep all others to itself."""
+        """Tell whether frames of an identifier mean anything here; a driver need not hand over the others."""
         return self._inbound.hears(identifier)
 
     def step(self, now_ns: int, event: ManagerEvent) -> list[ManagerAction]:
@@ -160,7 +160,7 @@ class ManagerCore:
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
-        """When to call with Tick at the latest."""
+        """Give the time at which to call with Tick at the latest, in nanoseconds."""
         state, known, due_ns = self._claim.state, self._known, self._inbound.identification.next_ns
         if state is Mastership.RETIRED:
             return None
@@ -190,9 +190,9 @@ class ManagerCore:
         if claim.state in (Mastership.LISTENING, Mastership.RETIRED):
             return
         self._reactions.take(known.health.tick(now_ns))
-        hears_no_pe = known.health.hears_nobody(now_ns)
+        hears_no_pe = known.health.hears_no_pe(now_ns)
         if hears_no_pe:
-            self._reactions.blame_nobody()
+            self._reactions.discount_losses()
         if self._succession.is_over(hears_no_pe=hears_no_pe):
             self._succession.fall_silent()
         elif claim.is_active:
@@ -203,11 +203,11 @@ class ManagerCore:
             self._replanning.tick()
 
     def _accept(self, said: OperatorSaid) -> Reply:
-        """Do what the operator says, if it can be done; orders are obeyed from the start of a term on."""
+        """Execute an operator's order, if it can be executed, which is from the start of a term on."""
         if isinstance(said.order, AskStatus):
             return Reply(said.number, done=True, sentence="", status=self.status())
         if self._claim.state is Mastership.STANDBY:
-            where = f"say it to manager {self._known.following.node}"
+            where = f"give the order to manager {self._known.following.node}"
             return Reply(said.number, done=False, sentence=f"this manager only stands by: {where}")
         if self._claim.state is Mastership.LISTENING:
             return Reply(said.number, done=False, sentence="the manager has just started and still listens: try again")
@@ -235,7 +235,7 @@ class ManagerCore:
             self._turn.emit("journal_failed", problem=problem)
 
     def status(self) -> dict[str, Any]:
-        """Everything the manager knows, as plain data (`status`)."""
+        """Give everything that the manager knows, as plain data (`status`)."""
         key, known = self._settings.key, self._known
         manager = {
             "node": self._settings.node,

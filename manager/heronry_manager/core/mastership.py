@@ -1,27 +1,27 @@
 """Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
 
     LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start. Also, and until some
-                PE is heard again, a manager that was active and hears no PE any more: it is deaf, or its wire is
-                broken, and what it would still say could only take things away from those that hear it. So does one
-                that most PEs refuse: they are heard, and say that they hear no LEASE, because they know of a higher
-                term; each time it has been refused before it stays for twice as long. The next term may be high enough;
-                where two are not, the journal that knew them may be lost, and once in its life a manager leaps over
-                many
+                PE is heard again, a manager that was active and hears no PE any more: its receiver has failed, or its
+                wire is broken, and what it would still send could only take things away from PEs that hear it. The same
+                holds for a manager that most PEs refuse: they are heard, and report that they hear no LEASE, because
+                they know of a higher term; it listens for twice as long after each refusal. The next term may be high
+                enough; where two are not, the journal that knew them may be lost, and once in its life a manager skips
+                many terms
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
-    REIGNING    it is active, and has asked for its first plan: everything else
+    REIGNING    it is active, and has requested its first plan: everything else
     STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
-    RETIRED     the same, without `standby`: silent for ever
+    RETIRED     another manager is active, and this one was started without `standby`: silent for ever
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
-Manager 127 also stands by where it hears nobody at its start, for a while (`following`), so that 126 goes first. One
-that hears a LEASE of its own number and term has a double, which was started by mistake: the one that hears the other
-first gives way. A manager that only advises gives way to nobody, and sends nothing.
+Manager 127 also stands by where it hears no manager at its start, for a while (`following`), so that 126 goes first. A
+manager that hears a LEASE of its own number and term has a double, which was started by mistake: the one that hears the
+other first gives way. A manager that only advises gives way to none, and sends nothing.
 
-This file decides; what follows from a decision for the rest of the core is done in `succession`. All changes of state
-are rows of `TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: nobody gives way
-twice. A restart begins with LISTENING, and with the terms that the journal remembers. What it does not know: whether
-another manager is gone or merely not heard here; the PEs are asked that (`following`).
+This file decides; `succession` does what follows from a decision for the rest of the core. All changes of state are
+rows of `TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: no manager gives way
+twice. A restart begins with LISTENING, and with the terms that the journal remembers. What the manager does not know:
+whether another manager is gone or merely not heard here; the reports of the PEs decide that (`following`).
 """
 
 from enum import Enum, auto
@@ -36,11 +36,11 @@ from heronry_wire.management import Lease
 from heronry_wire.sansio import require
 
 _MOST_DOUBLINGS = 9
-_LEAPS_AFTER, _LEAP = 2, 256  # terms that were refused one after the other; terms
+_LEAPS_AFTER, _LEAP = 2, 256  # terms that were refused one after the other; terms to skip after them
 
 
 class Mastership(Enum):
-    """Where a manager stands; the values are written into the status."""
+    """State of a manager; the values are written into the status."""
 
     LISTENING = "listening"
     STANDBY = "standby"
@@ -50,7 +50,7 @@ class Mastership(Enum):
 
 
 class MastershipEvent(Enum):
-    """What changes that."""
+    """Events that change the state of a manager."""
 
     ENDS = auto()
     STANDS_BY = auto()
@@ -100,9 +100,9 @@ class Claim:
         self._last_event: MastershipEvent | None = None
         self.listens_until_ns: int | None = turn.now_ns + self._lease_ns  # None: until a PE is heard, and longer
         self._goes_first = settings.goes_first
-        self._refused_since_ns: int | None = None  # since when most PEs say that they hear no LEASE
-        self._refusals = 0  # terms, one after the other, that have ended for it
-        self._has_leapt = False  # more often, a manager that is not heard for another reason would use up all terms
+        self._refused_since_ns: int | None = None  # since when most PEs report that they hear no LEASE
+        self._refusals = 0  # terms, one after the other, that have ended because most PEs heard no LEASE
+        self._has_leapt = False  # only once, or a manager whose transmitter has failed would use up all terms
 
     @property
     def is_active(self) -> bool:
@@ -124,18 +124,18 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """A PE speaks while this manager listens; tells whether it had fallen silent, and now listens for T_lease."""
+        """Note a PE's frame while listening; tells whether this manager was silent, and now listens for T_lease."""
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
         return True
 
     def learns_for(self, leases: int) -> None:
-        """Another manager is active, and this one advises beside it: listen for so many times T_lease from now on."""
+        """Listen for so many times T_lease from now on, to advise beside another manager that is active."""
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether it is time to begin a term; where another manager goes first, this one stands by from now on."""
+        """Tell whether to begin a term; where another manager goes first, this one stands by from now on."""
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
             return False
@@ -146,9 +146,9 @@ class Claim:
     # Being active
 
     def begin_term(self) -> bool:
-        """Become active, in a term of its own; tells whether there is one, and ends where there is none."""
+        """Become active in a new term; tells whether there is one left. Where none is, this manager ends."""
         self._move(MastershipEvent.BEGINS)
-        self._refused_since_ns = None  # of this term nobody has heard anything yet
+        self._refused_since_ns = None  # no PE has heard this term yet
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
         self._has_leapt = self._has_leapt or leap > 0
         try:
@@ -160,14 +160,14 @@ class Claim:
         return True
 
     def commands(self) -> bool:
-        """The first plan of this term is asked for, or another one; tells whether it is the first."""
+        """Note that a plan is requested; tells whether it is the first one of this term."""
         is_first = self.state is Mastership.STARTING
         if is_first:
             self._move(MastershipEvent.COMMANDS)
         return is_first
 
     def is_refused(self, *, most_hear_none: bool) -> bool:
-        """Tell whether most PEs say, and have said for long, that they hear no LEASE, though this manager speaks."""
+        """Tell whether most PEs have reported for long that they hear no LEASE, though this manager sends it."""
         now_ns = self._turn.now_ns
         if not most_hear_none:
             self._refused_since_ns, self._refusals = None, 0
@@ -181,12 +181,12 @@ class Claim:
     # Giving way
 
     def fall_silent(self) -> None:
-        """Say nothing, and listen again from the first PE that is heard."""
+        """Send nothing, and listen again from the first PE that is heard."""
         self._move(MastershipEvent.FALLS_SILENT)
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Another manager is active; tells whether this one stands by for it from now on. It may end instead."""
+        """Take a LEASE of another manager; tells whether this one stands by for it from now on. It may end instead."""
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # its own frames do not come in
         if not (is_listening or is_double or lease.term > term):
@@ -202,13 +202,13 @@ class Claim:
     def _retire(self, node: int, lease: Lease, *, is_double: bool) -> None:
         bus = self._settings.bus.name
         if self.state is Mastership.LISTENING:
-            reason = f"manager {node} already reigns on {bus} (term {lease.term})"
+            reason = f"manager {node} is already active on {bus} (term {lease.term})"
         elif is_double:
-            reason = f"another manager {node} reigns on {bus}, in the same term"
+            reason = f"another manager {node} is active on {bus}, in the same term"
         else:
-            reason = f"manager {node} reigns with the higher term {lease.term}"
+            reason = f"manager {node} is active with the higher term {lease.term}"
         self._turn.emit("second_manager", node=node, term=lease.term)
-        self._end(MastershipEvent.ENDS, reason, "; stop it first, or let this one be")
+        self._end(MastershipEvent.ENDS, reason, "; stop that manager first, or do not start this one")
 
     def _end(self, event: MastershipEvent, reason: str, remedy: str = "") -> None:
         self._move(event)

@@ -1,19 +1,19 @@
 """What a manager must not forget when it restarts, and the records that change it.
 
-The core keeps its memory by saying every change of it as a record (`Keep`); whoever has all records in order has the
-memory (`Memory.after`). The journal keeps them on disk; what a restart may lose of them is said there.
+The core keeps its memory by giving out every change of it as a record (`Keep`): all records in order make the memory
+(`Memory.after`). The journal keeps them on disk, and says what a restart may lose of them.
 
 Two kinds of things are remembered:
 
     numbers   the last term, and for every kind of number that must never be used twice (epochs, counters) the last one
-              *reserved*: numbers are taken in blocks, so that the disk is asked once in a block. They are on disk
+              *reserved*: numbers are taken in blocks, so that the disk is written once per block. They are on disk
               before the first frame that uses them, and whatever else is lost, they only rise
     facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase and
-              the last request of each PE for one, latched faults (those the operator ordered among them), and who is
-              quarantined. They are written down
-              after the command: the PEs are the truth, and a fact too old costs an epoch
+              the last request of each PE for one, latched faults (those the operator ordered among them), and which PEs
+              are quarantined. They are written after the command: the PEs are the truth, and a fact too old costs an
+              epoch
 
-A restart forgets how long ago a fault was latched, and the losses of PEs that are counted on.
+A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ EPOCHS = "epoch"  # kind of number
 
 @dataclass(frozen=True, slots=True)
 class TermBegun:
-    """A reign begins."""
+    """A mastership begins, under this term."""
 
     term: int
 
@@ -50,14 +50,14 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class PhaseEntered:
-    """The mission is in another phase."""
+    """The mission has entered this phase."""
 
     phase: str
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """A PE's request for a phase was obeyed: which one of this incarnation."""
+class PhaseRequest:
+    """A PE's request for a phase was executed: its number, counted in this incarnation."""
 
     pe: str
     incarnation: int
@@ -76,14 +76,14 @@ class Latched:
 
 @dataclass(frozen=True, slots=True)
 class Cleared:
-    """It counts as failed no more."""
+    """An element counts as well again."""
 
     element: str
 
 
 @dataclass(frozen=True, slots=True)
 class Quarantined:
-    """A PE was lost again: it is held down for longer than who was lost once."""
+    """A PE was lost again: it is held down for longer than after a single loss."""
 
     pe: str
     losses: int
@@ -91,12 +91,12 @@ class Quarantined:
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """A PE is in no quarantine any more."""
+    """A PE has left its quarantine."""
 
     pe: str
 
 
-Record = TermBegun | Reserved | Runs | PhaseEntered | Asked | Latched | Cleared | Quarantined | Released
+Record = TermBegun | Reserved | Runs | PhaseEntered | PhaseRequest | Latched | Cleared | Quarantined | Released
 _NUMBERS = (TermBegun, Reserved)
 
 
@@ -112,13 +112,13 @@ class Memory:
     term: int = 0
     reserved: Mapping[str, int] = field(default_factory=dict)
     runs: Runs | None = None
-    phase: str | None = None  # None: nobody has entered any
+    phase: str | None = None  # None: none was entered
     latched: Mapping[str, Latched] = field(default_factory=dict)  # by element, the oldest first
     quarantined: Mapping[str, int] = field(default_factory=dict)  # losses, by PE
-    asked: Mapping[str, Asked] = field(default_factory=dict)  # by PE, its last request
+    phase_requests: Mapping[str, PhaseRequest] = field(default_factory=dict)  # by PE, its last request
 
     def after(self, record: Record) -> "Memory":
-        """Give the memory that this record makes of it."""
+        """Give the memory with the change of this record."""
         match record:
             case TermBegun(term):
                 return replace(self, term=term)
@@ -128,8 +128,8 @@ class Memory:
                 return replace(self, runs=record)
             case PhaseEntered(phase):
                 return replace(self, phase=phase)
-            case Asked(pe):
-                return replace(self, asked={**self.asked, pe: record})
+            case PhaseRequest(pe):
+                return replace(self, phase_requests={**self.phase_requests, pe: record})
             case Latched(element):
                 return replace(self, latched={**self.latched, element: record})
             case Cleared(element):
@@ -140,17 +140,17 @@ class Memory:
                 return replace(self, quarantined={p: n for p, n in self.quarantined.items() if p != pe})
 
     def records(self) -> list[Record]:
-        """Fewest records that make this memory out of an empty one."""
+        """Give the fewest records that make this memory out of an empty one."""
         records: list[Record] = [TermBegun(self.term)] if self.term else []
         records += [Reserved(kind, last) for kind, last in self.reserved.items()]
         records += [self.runs] if self.runs is not None else []
         records += [PhaseEntered(self.phase)] if self.phase is not None else []
-        records += self.asked.values()
+        records += self.phase_requests.values()
         records += self.latched.values()
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
     def numbers(self) -> "Memory":
-        """Give what is left of it when another spec is flown: the numbers alone."""
+        """Give what a manager of another spec may keep of it: the numbers alone."""
         return Memory(self.term, self.reserved)
 
 
@@ -168,7 +168,7 @@ def as_json(record: Record) -> list[str | int]:
             return ["runs", epoch, digest, row]
         case PhaseEntered(phase):
             return ["phase", phase]
-        case Asked(pe, incarnation, number):
+        case PhaseRequest(pe, incarnation, number):
             return ["asked", pe, incarnation, number]
         case Latched(element, by, code, detail):
             return ["latched", element, by, code, detail]
@@ -181,7 +181,7 @@ def as_json(record: Record) -> list[str | int]:
 
 
 def from_json(content: object) -> Record | None:
-    """Read a record; None where it is none of ours."""
+    """Read a record; None where the content is not one."""
     match content:
         case ["term", int(term)] if 0 < term <= MAX_TERM:
             return TermBegun(term)
@@ -198,7 +198,7 @@ def _fact(content: object) -> Record | None:
         case ["phase", str(phase)]:
             return PhaseEntered(phase)
         case ["asked", str(pe), int(incarnation), int(number)]:
-            return Asked(pe, incarnation, number)
+            return PhaseRequest(pe, incarnation, number)
         case ["latched", str(element), str(by), str(code), int(detail)]:
             return Latched(element, by, code, detail)
         case ["cleared", str(element)]:

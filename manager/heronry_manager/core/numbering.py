@@ -1,13 +1,13 @@
-"""The numbers of reigns and epochs: each is used by one manager, once.
+"""The numbers of masterships and epochs: each is used by one manager, once.
 
-    terms    manager 126 takes the odd ones, 127 the even ones: a term names its manager, so two of them can never reign
-             in the same one, whatever they have heard of each other
-    epochs   in blocks of EPOCHS_PER_TERM; a reign begins with the block of its term, and takes every second one from
-             there on. So two managers that reign on both sides of a broken bus give no number twice either
+    terms    manager 126 takes the odd ones, 127 the even ones: a term names its manager, so two of them can never be
+             active in the same term, whatever they have heard of each other
+    epochs   in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second one
+             from there on. So two managers that are active on both sides of a broken bus use no number twice either
 
-An epoch is also newer than any that a PE was seen to run, and than what is remembered to run: whoever is silent may
-hear and drive as before, and believes nothing older. A block is reserved (`memory`) before its first number is used:
-whoever restarts goes on behind all that he may have used. Epochs are counted modulo 2^16 (`is_newer`).
+An epoch is also newer than any that a PE was seen to run, and than what is remembered to run: a silent PE may hear and
+drive as before, and accepts nothing older. A block is reserved (`memory`) before its first number is used: a manager
+that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16 (`is_newer`).
 """
 
 from heronry_manager.core.memory import EPOCHS, Reserved
@@ -21,11 +21,11 @@ _BLOCKS = 0x10000 // EPOCHS_PER_TERM
 
 
 class NoTermError(HeronryError):
-    """All terms have been used; the message says what to do."""
+    """All terms of this manager have been used; the message says what to do."""
 
 
 def next_term(node: int, highest: int) -> int:
-    """Give the first term above the highest known one that is this manager's; raises NoTermError."""
+    """Give this manager's first term above the `highest` known one; raises NoTermError where none is left."""
     term = highest + 1 + (highest + node - FIRST_MANAGER) % 2
     if term > MAX_TERM:
         raise NoTermError(f"there is no term after {highest}; restart the PEs, and remove the manager's journals")
@@ -33,7 +33,7 @@ def next_term(node: int, highest: int) -> int:
 
 
 class EpochNumbers:
-    """Numbers for the epochs of one manager."""
+    """The numbers for the epochs of one manager."""
 
     def __init__(self, turn: Turn) -> None:
         self._turn = turn
@@ -41,12 +41,12 @@ class EpochNumbers:
         self.last = 0  # the newest number that was given, or may have been before a restart
 
     def begin(self, term: int) -> None:
-        """Start further up for a new reign."""
+        """Go on with the block of this term, for a new mastership."""
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number that is newer than any before, and than the newest that a PE was seen to run."""
+        """Give a number that is newer than any before, and than the newest that PEs run (`newest_seen`)."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

@@ -1,8 +1,8 @@
-"""What each PE says that it runs, and nothing else: observed, never commanded.
+"""What each PE reports that it runs, and nothing else: observed, never commanded.
 
-A state that is lost is followed by the next one, and one that comes twice tells nothing new; one that comes late, from
-a gateway, tells nothing at all. After a pause states are taken in the order in which they came, and the last one
-counts. What a PE has said last before it was lost, it may run still: its epoch is kept (`newest_epoch`).
+A state that is lost is made up for by the next one, and one that comes twice has no effect; nor has one that comes
+late, from a gateway. After a pause of the manager states are taken in the order in which they came, and the last one
+counts. A PE may still run what it reported last before it was lost: its epoch is kept (`newest_epoch`).
 """
 
 from collections.abc import Iterable
@@ -11,36 +11,36 @@ from dataclasses import dataclass
 from heronry_wire.management import NO_EPOCH, newest_epoch
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
-_MOST_LATE = 8  # pages 0: one that is further behind is new, after a silence
+_MOST_LATE = 8  # pages 0: a page that is further behind is new, after a silence
 
 
 @dataclass(slots=True)
 class Observed:
-    """What one PE says that it runs."""
+    """What one PE reports that it runs."""
 
     epoch: int = 0
     digest: int = 0
     state: PeState = PeState.UNCONFIGURED
-    configured: bool = False  # has been seen to run something of ours in this incarnation
-    hears: bool = False  # has said since this term began that it hears a LEASE
+    configured: bool = False  # has been seen to run an epoch of this manager in this incarnation
+    hears: bool = False  # has reported since this term began that it hears a LEASE
     said: tuple[int, int] | None = None  # incarnation and sequence of its last page 0
 
     def is_late(self, page: StatePage0) -> bool:
-        """Tell whether a page was said before the last one: a gateway may hand it on late."""
+        """Tell whether a page was sent before the last one: a gateway may forward it late."""
         if self.said is None or self.said[0] != page.incarnation:
             return False
         return 1 <= (self.said[1] - page.sequence) % 256 <= _MOST_LATE
 
 
 class Observations:
-    """What all PEs say, whether they are counted on or not."""
+    """What all PEs report, available or not."""
 
     def __init__(self, pes: Iterable[str]) -> None:
         self.of = {pe: Observed() for pe in pes}
         self._newest_lost = NO_EPOCH  # newest epoch that some PE ran when it was lost
 
     def begin_term(self) -> None:
-        """Begin to speak: no PE has heard this term yet."""
+        """Begin a term, which no PE has heard yet."""
         for seen in self.of.values():
             seen.hears = False
 
@@ -55,14 +55,14 @@ class Observations:
         return seen
 
     def joined(self, pe: str) -> None:
-        """A PE is counted on again: it has been given nothing yet."""
+        """Note that a PE is available again: it has been given nothing yet."""
         self.of[pe].configured = False
 
     def lost(self, pe: str) -> None:
-        """A PE is no longer counted on."""
+        """Forget what a PE reported, which is no longer available, but for its epoch."""
         self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
         self.of[pe] = Observed()
 
     def newest_epoch(self) -> int:
-        """Newest epoch that a PE has said it runs, whether it is counted on or not."""
+        """Give the newest epoch that any PE, available or not, has reported to run."""
         return newest_epoch((self._newest_lost, *(seen.epoch for seen in self.of.values())))

@@ -1,20 +1,21 @@
-"""What the operator may say to a manager in flight, and what it answers: one sentence each.
+"""What the operator may order a manager to do in flight, and what it answers: one sentence each.
 
     phase NAME       another mission phase, any of the spec's
-    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it. Not the manager's own bus, and no
-                     channel, without which nothing would be planned otherwise
-    clear ELEMENT    it is taken for well again: a latched fault ends, a PE leaves its quarantine, one that was failed
-                     may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what is
-                     still wrong is reported at once; lost, that costs a second (a standby: some beats)
-    unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The order is not repeated:
-                     lost, it has to be given again
+    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. Not the
+                     manager's own bus, and no channel, without which the plan would be the same
+    clear ELEMENT    the element counts as well again: a latched fault ends, a PE leaves its quarantine, a PE that was
+                     failed may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what
+                     is still wrong is reported immediately; if that frame is lost, it costs a second (a standby
+                     manager: some beats)
+    unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
+                     if it is lost, the order has to be given again
 
-To a manager that only advises all but the last is a supposition: it tells what it would do then.
+To a manager that only advises, all but the last is a supposition: it tells what it would do then.
 
-What is to be done for an order is given back (`Outcome`), and is done in this order: what follows from the changed
+What follows from an order is given back (`Outcome`), and is done in this order: what follows from the changed
 situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has been carried
-out: the plan and the epoch follow, and the status tells. Said twice, the second one changes nothing. Who may say it is
-for whoever delivers it to decide.
+out: the plan and the epoch follow, and the status shows them. An order that is given twice changes nothing the second
+time. The part that delivers orders decides from whom it takes them.
 """
 
 from dataclasses import dataclass
@@ -30,13 +31,13 @@ from heronry_wire.management import Control, Operation
 
 OPERATOR = "the operator"
 UNLOCK_S = 30
-_EVERYBODY = 0
-_ONLY_ADVISES = "this manager only advises: say it to the one that reigns"
+_ALL_NODES = 0
+_ONLY_ADVISES = "this manager only advises: give the order to the active manager"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What an order leads to."""
+    """What follows from an order, and the sentence that answers it."""
 
     done: bool
     sentence: str
@@ -52,7 +53,7 @@ class OperatorOrders:
         self._turn, self._known = turn, known
 
     def accept(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
-        """Carry out an order; what names nothing in the spec is refused with a sentence that says what there is."""
+        """Carry out an order; one that names nothing in the spec is refused, with a sentence that lists what it has."""
         try:
             match order:
                 case EnterPhase(phase):
@@ -91,12 +92,12 @@ class OperatorOrders:
     def _clear(self, element: str) -> Outcome:
         changes = self._known.situation.clear(element, OPERATOR)
         if changes is None:
-            sentence = f"nothing is latched on {element}, and it is in no quarantine: 'heronry status' tells what is"
+            sentence = f"nothing is latched on {element}, and it is in no quarantine: 'heronry status' lists what is"
             return Outcome(False, sentence)
         place = self._known.situation.failed.place(element)
-        told = None if place is None else Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place)
+        told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
-        return Outcome(True, f"{element} is taken for well again; {self._what_follows(waits)}", changes, told)
+        return Outcome(True, f"{element} counts as well again; {self._what_follows(waits)}", changes, told)
 
     def _what_follows(self, where_it_commands: str) -> str:
         return _ONLY_ADVISES if self._turn.silent else where_it_commands

@@ -1,13 +1,14 @@
 """The configuration that another manager has activated, put together from its frames: slices, read back into names.
 
-PREPARE begins an epoch, SLICE heads say whose slices it has, bodies bring those that are new, and ACTIVATE or LEASE
-says that it runs. A body that was heard once is known by its digest for as long as there is room, and so is every slice
-of what runs: bodies that did not change are not sent again. What is put together counts only if it has the digest that
-was announced; what cannot be (a body was missed, or sent before this manager listened) is not known, and whoever takes
-over then plans anew.
+PREPARE begins an epoch, SLICE heads tell which PEs have a slice in it, bodies bring the new slices, and ACTIVATE or
+LEASE tells that it runs. A body that was heard once is known by its digest for as long as there is room, and so is
+every slice of what runs: bodies that did not change are not sent again. What is put together counts only if it has the
+digest that was announced. What cannot be put together (a body was missed, or sent before this manager listened) is not
+known, and a manager that takes over then plans anew.
 
-A contingency that PREPARE calls by its number (rule 5) is looked up in this manager's own file: no slice is sent of it.
-It counts if it has the digest beside the number, which it has not where the other manager flies with another file.
+A contingency that PREPARE calls by its number (protocol rule 5) is looked up in this manager's own file: no slice of it
+is sent. It counts if it has the digest beside the number, which it has not where the other manager flies with another
+file.
 """
 
 from collections import OrderedDict
@@ -40,7 +41,7 @@ class Overheard:
     """Follows one manager's epochs, and remembers the one that runs."""
 
     def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
-        """`on_board`: the configurations that can be called by a number, if there are any."""
+        """`on_board`: the configurations that can be called by a number; None: there are none."""
         self._spec, self._turn, self._on_board = spec, turn, on_board
         self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
         self._names = _Names(spec)
@@ -48,17 +49,17 @@ class Overheard:
         self._prepared: Prepare | None = None
         self._heads: dict[int, SliceHead] = {}
         self._bodies: dict[int, dict[int, bytes]] = {}
-        self._activated_as = NO_EPOCH, 0  # epoch and digest, whether it is known or not
+        self._activated_as = NO_EPOCH, 0  # epoch and digest, whether its configuration is known or not
         self.runs = turn.memory.runs
         if self.runs is not None:
             self.know(self._code.decode(bytes.fromhex(self.runs.row)))
 
     def take(self, message: ManagementMessage) -> None:
-        """Take a command of the manager that reigns."""
+        """Take a command of the active manager."""
         prepared = self._prepared
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) == self._activated_as:
-                pass  # for who comes late to what runs, while the next one may be prepared
+                pass  # for a PE that comes late to what runs, while the next epoch may be prepared
             case Prepare() if prepared is None or (prepared.epoch, prepared.digest) != (message.epoch, message.digest):
                 self._prepared, self._heads, self._bodies = message, {}, {}
             case SliceHead(node, epoch_low) if prepared is not None and epoch_low == prepared.epoch & 0xFF:
@@ -98,14 +99,14 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """The configuration that PREPARE has called by its number, if it is that one here, too."""
+        """Give the configuration that PREPARE has called by its number, if this manager's file has the same."""
         if self._on_board is None or self._prepared is None:
             return None
         called = self._on_board.configuration(self._prepared.contingency)
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """The configuration that the slices say, if each is known and they are this spec's."""
+        """Give the configuration that the slices make, if each is known and they are of this spec; else None."""
         if any(head.digest not in self._known for head in self._heads.values()):
             return None
         try:
@@ -114,7 +115,7 @@ class Overheard:
             return None
 
     def know(self, configuration: Configuration) -> int:
-        """Know every slice of a configuration; gives its digest."""
+        """Keep every slice of a configuration; gives its digest."""
         compiled = self._compiler.configuration(configuration)
         for node, body in compiled.slices.items():
             self._keep(compiled.slice_digests[node], body)
@@ -122,7 +123,7 @@ class Overheard:
 
 
 class _Names:
-    """Indices back into names: the reverse of `compilation`."""
+    """Turns indices back into names: the reverse of `compilation`."""
 
     def __init__(self, spec: Spec) -> None:
         self._modules, self._sources = list(spec.modules.values()), list(spec.sources())
@@ -134,7 +135,7 @@ class _Names:
         }
 
     def configuration(self, bodies: Mapping[int, bytes]) -> Configuration:
-        """Put slices by node together; raises SliceError or LookupError where they are none of this spec's."""
+        """Put slices by node together; raises SliceError or LookupError where they are not of this spec."""
         slices = {node: decode_slice(body, self._leaves) for node, body in bodies.items()}
         modes = {
             one.module: list(self._modules[one.module].modes.values())[one.mode]

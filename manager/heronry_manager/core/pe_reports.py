@@ -1,15 +1,15 @@
-"""What a PE says of itself, once it is decoded and believed: its state, a page at a time, and its EMCYs.
+"""What a PE reports of itself, once it is decoded and believed: its state, a page at a time, and its EMCYs.
 
-    page 0    it lives, and runs this: for `health`, `following` and `deployment`, in this order. Where it runs what it
-              must not, or a newer epoch than there is, a plan is needed
-    page 1    without a key: it lives; how far it is with the epoch that is being prepared
-    page 2    with a key: it asks for a session, and is answered if this manager speaks
+    page 0    the PE lives, and runs this: for `health`, `following` and `deployment`, in this order. Where it runs what
+              it must not, or a newer epoch than there is, a plan is needed
+    page 1    without a key: the PE lives; how far it is with the epoch that is being prepared
+    page 2    with a key: the PE asks for a session, and gets its answer if this manager is active
     page 3    nothing but what `authenticity` takes from it
     EMCY      a fault, or a request for a phase. Only an active manager takes it in, and acknowledges it: until then the
-              PE repeats it. A reset is no news, since the incarnation of the PE tells it
+              PE repeats it. An EMCY of a reset adds nothing, since the incarnation of the PE tells it
 
-A page that cannot be decoded is nothing. A manager that has fallen silent forgets what it knew with the first page that
-it hears, and listens anew.
+A page that cannot be decoded has no effect. A manager that has fallen silent forgets what it knew with the first page
+that it hears, and listens anew.
 """
 
 from heronry_manager.core.beat import Beat
@@ -26,7 +26,7 @@ from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, S
 
 
 class PeReports:
-    """Takes in what PEs say."""
+    """Takes in what PEs report."""
 
     def __init__(
         self,
@@ -43,11 +43,11 @@ class PeReports:
         self._beat, self._replanning, self._reactions = beat, replanning, reactions
 
     def page(self, pe: str, page: StatePage | None) -> None:
-        """A page of a PE's state; None: one that is not believed."""
+        """Take a page of a PE's state; None: one that is not believed."""
         if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
             self._known.begin()
             if self._settings.key is None:  # with one no PE can be believed before this manager is active
-                self._known.health.in_flight(self._turn.now_ns)  # who was down before need not be waited for
+                self._known.health.in_flight(self._turn.now_ns)  # a PE that was down before need not be waited for
         match page:
             case StatePage0():
                 self._page_0(pe, page)
@@ -63,7 +63,7 @@ class PeReports:
                 pass
 
     def unproven(self, pe: str, page: StatePage0) -> None:
-        """A page 0 that is not believed: the PE lives, and says whether it hears a manager."""
+        """Take a page 0 that is not believed: the PE lives, and reports whether it hears a manager."""
         self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
         self._known.following.state(pe, page, is_proven=False)
 
@@ -88,13 +88,13 @@ class PeReports:
         self._reactions.take(known.health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
 
     def emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
-        """An EMCY of a PE."""
+        """Take an EMCY of a PE: a fault, or a request for a phase."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
         if emergency.kind is not ElementKind.PHASE:
             changes = self._known.situation.reported(pe, emergency)
         elif self._settings.advise and self._known.following.hears_lease():
-            return  # the active manager tells what comes of it
+            return  # the active manager announces what follows from it
         else:
             changes = self._known.situation.requested(pe, emergency)
         if changes is None:
@@ -107,6 +107,6 @@ class PeReports:
         self._turn.send(Command.CONTROL, told)
 
     def lost_channel(self, pe: str, emergency: Emergency) -> None:
-        """A PE says that a channel of a replicated bus carries nothing, or does so again."""
+        """Take a PE's report that a channel of a replicated bus carries nothing, or carries frames again."""
         if self._claim.is_active:
             self._known.situation.channels.reported(pe, emergency)

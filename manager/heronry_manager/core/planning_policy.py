@@ -1,42 +1,45 @@
-"""Who answers a question for a plan, and what is planned ahead: one policy, wherever a manager flies.
+"""Which planner answers a request for a plan, and what is planned ahead: one policy, wherever a manager flies.
 
-The manager's core asks (`RequestPlan`), and tells when a configuration runs and nothing is under way (`Settled`). The
-policy answers, or says which planner is to be asked; whoever drives it carries the question there and the answer back.
-The manager's shell does that between processes, the simulator in virtual time.
+The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
+(`Settled`). The policy answers, or names the planner to be asked; its driver carries the request there and the answer
+back. The driver is the manager's shell, between processes, or the simulator, in virtual time.
 
-A question is *immediate*, while something that flies waits for the answer, or *in the background*: the first
-configuration of an active manager, which interrupts nothing, and the better plan that it asks for at leisure, once
-what was answered at once runs. Where a plan comes from, in this order:
+A request is *immediate*, while something that flies waits for the answer, or *in the background*: the first
+configuration of an active manager, which interrupts nothing, and the better plan that the core requests once what was
+answered immediately runs. Where a plan comes from, in this order:
 
     contingencies   made before the flight for these faults, this phase and what runs (`contingency.look_up`)
     pre-planned     made in flight for just this, before it happened
-    planner         background questions alone: the exact planner, in its own time
-    immediate       the greedy planner, here and now, and a look by the judge (`heronry_dg.verify`)
+    planner         background requests alone: the exact planner, in its own time
+    immediate       the greedy planner, here and now, checked by the verifier (`heronry_dg.verify`)
 
-If the judge refuses a greedy plan, the planner is asked in its place; where there is none, the question fails. Without
-a solver there is no planner and nothing is pre-planned: the greedy planner answers everything. Without an immediate
-planner, which is how simulated flights leave its plans out, the planner is asked everything.
+If the verifier refuses a greedy plan, the planner is asked in its place; where there is none, the request fails.
+Without a solver there is no planner and nothing is pre-planned: the greedy planner answers everything. Without an
+immediate planner, which is how simulated flights leave its plans out, the planner is asked everything.
 
 *Pre-planning.* When a configuration has settled, the questions ahead are: each PE lost that is up, each PE back that is
-down, the next mission phase. The *pre-planner*, another process, which stands back behind all others, is asked them one
-after the other. Faults of devices and modules, and pairs of faults, are left to the contingencies; what these know is
-not asked. A pre-made plan is known under all that it depends on (`Question`), so a stale one is never found. What was
-made for another configuration is forgotten when the next one settles.
+down, the next mission phase. The policy gives them one after the other to the *pre-planner*, another process, which
+runs with a lower priority than all others. Faults of devices and modules, and pairs of faults, are left to the
+contingencies; what these answer is not pre-planned. A pre-made plan is kept under all that it depends on (`Question`),
+so a stale one is never found. What was made for another configuration is forgotten when the next one settles.
 
-    pre-planner   idle       `PrePlan` was never said, or is answered: the next question is said at once, if one is left
-                  thinking   `PrePlan` is said; ends with PrePlannerAnswered of its number
+    pre-planner   idle       `PrePlan` never went out, or is answered: the next question goes out immediately, if one is
+                  left
+                  planning   `PrePlan` is out; ends with PrePlannerAnswered of its number
 
-The core asks and settles, the processes answer; nobody else moves anything here. What may go wrong with an answer:
+The core requests and settles, the processes answer; nothing else changes the state here. What may go wrong with an
+answer:
 
-    late        The planner's is handed on: the core knows which question counts, and drops what answers an older one.
+    late        The planner's is handed on: the core knows which request counts, and drops what answers an older one.
                 The pre-planner's is kept under its own question until another configuration settles.
-    doubled     Nobody is waiting for it any more: it is dropped.
-    lost        The core asks anew when the situation changes, and is answered at once meanwhile. After a loss of the
-                pre-planner's nothing more is pre-planned. A client whose process ends answers for it with a failure.
-    a failure   The planner's is the core's to judge (`planning`). The pre-planner's question is left out.
+    doubled     Nothing waits for it any more: it is dropped.
+    lost        The core requests anew when the situation changes, and has an immediate answer meanwhile. After a loss
+                of the pre-planner's nothing more is pre-planned. A client whose process ends answers for it with a
+                failure.
+    a failure   The core decides what follows from the planner's (`planning`). The pre-planner's question is left out.
 
-A restart forgets everything here; what is ahead is asked anew once a configuration runs. The policy knows no time:
-nothing limits how long the planner may take for a question.
+A restart forgets everything here; what is ahead is pre-planned anew once a configuration runs. The policy knows no
+time: nothing limits how long the planner may take for a request.
 """
 
 from collections import deque
@@ -56,7 +59,7 @@ from heronry_wire.sansio import require
 
 
 class ImmediatePlanner(Protocol):
-    """Plans here and now: `heronry_manager.planner.greedy`."""
+    """A planner that answers within the call: `heronry_manager.planner.greedy`."""
 
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a plan in a few milliseconds."""
@@ -74,7 +77,7 @@ class Question:
 
 
 class Source(Enum):
-    """Where an answer comes from."""
+    """Where an answer to a request comes from."""
 
     CONTINGENCIES = "contingencies"
     PRE_PLANNED = "pre-planned"
@@ -99,7 +102,7 @@ class PrePlannerAnswered:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Tell the core."""
+    """Hand this answer to the core."""
 
     answer: PlanReady | PlanFailed
     source: Source
@@ -107,15 +110,15 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class AskPlanner:
-    """Ask the planner's process; answer with PlannerAnswered. `refusal`: why the greedy plan is not flown."""
+    """Ask the planner's process; answer with PlannerAnswered. `refusal`: why the verifier refused the greedy plan."""
 
-    asked: RequestPlan
+    request: RequestPlan
     refusal: Violation | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class PrePlan:
-    """Ask the pre-planner's process, which has nothing else to do; answer with PrePlannerAnswered and the number."""
+    """Ask the pre-planner's process, which is idle; answer with PrePlannerAnswered and the number."""
 
     number: int
     question: Question
@@ -138,7 +141,7 @@ class PlanningPolicy:
         contingencies: ContingencyTable | None = None,
     ) -> None:
         """`has_planner`: there is a solver, and so a process to ask, and another one to pre-plan; else `immediate`."""
-        require(immediate is not None or has_planner, "there is nobody to plan")
+        require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
         self._owed: set[int] = set()  # requests that the planner has not answered
@@ -171,51 +174,51 @@ class PlanningPolicy:
 
     # Questions of the core
 
-    def _decide(self, asked: RequestPlan) -> Instruction:
-        made = self._made_before(asked)
+    def _decide(self, request: RequestPlan) -> Instruction:
+        made = self._made_before(request)
         if made is not None:
-            return Answer(PlanReady(asked.request, made), Source.CONTINGENCIES)
-        if asked.running is not None:
-            made = self._pre_planned.get(Question(asked.now, asked.running))
+            return Answer(PlanReady(request.request, made), Source.CONTINGENCIES)
+        if request.running is not None:
+            made = self._pre_planned.get(Question(request.now, request.running))
             if made is not None:
-                return Answer(PlanReady(asked.request, made), Source.PRE_PLANNED)
-        has_time = asked.in_background or asked.running is None
+                return Answer(PlanReady(request.request, made), Source.PRE_PLANNED)
+        has_time = request.in_background or request.running is None
         if self._immediate is None or (has_time and self._has_planner):
-            return self._ask(asked)
-        return self._plan_at_once(self._immediate, asked)
+            return self._ask(request)
+        return self._plan_at_once(self._immediate, request)
 
-    def _made_before(self, asked: RequestPlan) -> Plan | None:
-        """Find a contingency; they are made for capacities that nothing limits."""
-        if self._contingencies is None or asked.now.limits:
+    def _made_before(self, request: RequestPlan) -> Plan | None:
+        """Find the plan of a contingency; these are made for situations without limits. None: there is none."""
+        if self._contingencies is None or request.now.limits:
             return None
-        return self._contingencies.plan(asked.now.down, asked.now.phase, asked.running)
+        return self._contingencies.plan(request.now.down, request.now.phase, request.running)
 
-    def _plan_at_once(self, immediate: ImmediatePlanner, asked: RequestPlan) -> Instruction:
-        plan = immediate.plan(asked.now, asked.running)
-        refusals = verify(self._spec, asked.now, plan.configuration)
+    def _plan_at_once(self, immediate: ImmediatePlanner, request: RequestPlan) -> Instruction:
+        plan = immediate.plan(request.now, request.running)
+        refusals = verify(self._spec, request.now, plan.configuration)
         if not refusals:
-            return Answer(PlanReady(asked.request, plan), Source.IMMEDIATE)
+            return Answer(PlanReady(request.request, plan), Source.IMMEDIATE)
         if self._has_planner:
-            return self._ask(asked, refusals[0])
+            return self._ask(request, refusals[0])
         reason = f"the greedy plan is not legal: {refusals[0]}"
-        return Answer(PlanFailed(asked.request, reason), Source.IMMEDIATE)
+        return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
-    def _ask(self, asked: RequestPlan, refusal: Violation | None = None) -> AskPlanner:
-        self._owed.add(asked.request)
-        return AskPlanner(asked, refusal)
+    def _ask(self, request: RequestPlan, refusal: Violation | None = None) -> AskPlanner:
+        self._owed.add(request.request)
+        return AskPlanner(request, refusal)
 
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """Find the questions ahead; forget what was made for others."""
+        """Find the questions ahead; forget the plans for any others."""
         if not self._has_planner:
             return
         ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
         self._pre_planned = {one: self._pre_planned[one] for one in ahead if one in self._pre_planned}
-        self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_foreseen(one))
+        self._ahead = deque(one for one in ahead if one not in self._pre_planned and not self._is_answered_ahead(one))
 
     def _next_situations(self, now: Situation) -> Iterable[Situation]:
-        """What may come next: one PE lost, one PE back, the next phase in the spec's order."""
+        """Give the situations that may come next: one PE lost, one PE back, the next phase in the spec's order."""
         for pe in self._spec.pes:
             if f"pe:{pe}" not in now.down:
                 yield replace(now, down=now.down | {f"pe:{pe}"})
@@ -227,8 +230,8 @@ class PlanningPolicy:
             for following in phases[phases.index(now.phase) + 1 :][:1]:
                 yield replace(now, phase=following)
 
-    def _is_foreseen(self, one: Question) -> bool:
-        """Tell whether a contingency answers a question, or the pre-planner is at it."""
+    def _is_answered_ahead(self, one: Question) -> bool:
+        """Tell whether a contingency answers a question, or the pre-planner is working on it."""
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
         if self._contingencies is None or one.now.limits:
@@ -236,7 +239,7 @@ class PlanningPolicy:
         return self._contingencies.find(one.now.down, one.now.phase, one.running) is not None
 
     def _pre_plan(self) -> list[Instruction]:
-        """Say the next question ahead, if the pre-planner is idle."""
+        """Give out the next question ahead, if the pre-planner is idle."""
         if self._in_pre_planning is not None or not self._ahead:
             return []
         self._number += 1

@@ -1,18 +1,19 @@
 """How much of each radio may be planned with, as its gateway reports it: less of it is a fault with a number.
 
-A report is noisy, and a plan must not follow noise. So there are steps, and what is planned with is one of them:
+A report is noisy, and a plan must not follow noise. So there are steps, and plans use one of them:
 
     falls    to the largest step that is not above what was reported, once two reports in a row are a tenth below the
-             present step: at once, since queues grow meanwhile
+             present step: immediately, since queues grow meanwhile
     rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
              twice as many with each fall (up to four times), anew once no fall has come for a minute
-    gone     the gateway hears nothing from beyond: who is there is lost, all at once. From then on, and from the start,
-             until somebody beyond is counted on again, each report sets the step directly: nobody can be interrupted,
-             and who returns finds a plan that fits the radio
+    gone     the gateway hears nothing from beyond: all PEs there are lost together. From then on, and from the start,
+             until some PE beyond is available again, each report sets the step directly: no PE can be interrupted, and
+             a PE that returns finds a plan that fits the radio
 
 Lost: the next report says the same. Late or doubled: its sequence tells, and it is dropped. From another node than the
 gateway: dropped. Forged: see `heronry_wire.gateway_report`. A gateway that is silent says nothing about its radio: the
-step stays, and who is beyond is missed by the heartbeats. A restart forgets all of it, and is told anew by the next.
+step stays, and the heartbeats tell which PEs beyond are lost. A restart forgets all of it, and the next report tells it
+anew.
 """
 
 from collections.abc import Mapping
@@ -26,7 +27,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
-_LATE = 8  # a report that is less than so many behind the last one is late; further, the gateway has started anew
+_LATE = 8  # reports: fewer behind the last one, a report is late; more, the gateway has started anew
 MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
@@ -48,23 +49,23 @@ class LinkRecord:
     period_ns: int
     step: int = PER_MILLE  # what is planned with
     gone: bool = False
-    settling: bool = True  # nobody beyond has been counted on since the start, or since it was gone
+    settling: bool = True  # no PE beyond has been available since the start, or since it was gone
     report: LinkReport | None = None
     low: bool = False  # the last report was below the step
     rising_since_ns: int | None = None
-    lowest: int = PER_MILLE  # usable, since then
+    lowest: int = PER_MILLE  # usable share since then
     falls: int = 0
     fell_ns: int = 0
 
-    def is_news(self, report: LinkReport) -> bool:
-        """Tell whether a report is newer than the last one."""
+    def is_new(self, report: LinkReport) -> bool:
+        """Tell whether a report is neither late nor doubled."""
         if self.report is None:
             return True
         behind = (self.report.sequence - report.sequence) % SEQUENCES
         return behind >= _LATE
 
     def hold_down_ns(self) -> int:
-        """How long more bandwidth must last before it is believed."""
+        """How long more bandwidth must last before plans use it, in nanoseconds."""
         return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
 
 
@@ -83,18 +84,18 @@ class RadioLinks:
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
     def restarted(self, gateway: str) -> None:
-        """A gateway was away: it may have started anew, and counts its reports from the beginning."""
+        """Note that a gateway was away: it may have started anew, and count its reports from the beginning."""
         for record in self.records.values():
             if record.radio.gateway == gateway:
                 record.report = None
 
-    def heard(self, frame: Frame, now_ns: int, *, anybody_beyond: bool) -> list[LinkChange]:
-        """Take a report; `anybody_beyond`: some PE beyond is counted on."""
+    def heard(self, frame: Frame, now_ns: int, *, any_pe_beyond: bool) -> list[LinkChange]:
+        """Take a report; `any_pe_beyond`: some PE beyond is available. Gives what has changed."""
         record = self.records[frame.can_id]
         report = decode_link(frame.data)
         if isinstance(report, Malformed) or report.node != self._gateway_nodes[record.radio.bus]:
             return []
-        if not record.is_news(report):
+        if not record.is_new(report):
             return []
         record.report = report
         if report.state is LinkState.GONE:
@@ -103,7 +104,7 @@ class RadioLinks:
         if record.gone:
             record.gone = False
             changes.append(LinkChange("back", record.radio, record.step))
-        if anybody_beyond:
+        if any_pe_beyond:
             record.settling = False
         return [*changes, *self._follow(record, report.usable, now_ns)]
 
@@ -111,7 +112,7 @@ class RadioLinks:
         if record.gone:
             return []
         record.gone = record.settling = True
-        record.step = PER_MILLE  # whatever comes back says anew what it has left
+        record.step = PER_MILLE  # when the radio is back, the next report tells what it has left
         record.low, record.rising_since_ns = False, None
         return [LinkChange("gone", record.radio, 0)]
 

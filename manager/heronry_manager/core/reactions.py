@@ -1,17 +1,17 @@
-"""What follows when something has changed: for the PEs that are counted on, for what they drive, and for the plan.
+"""What follows when something has changed: for the available PEs, for what they drive, and for the plan.
 
-The parts that notice a change (`health`, `known_situation`, `deployment`) only say it, as a value. Here each one is
+The parts that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. Here each one is
 acted on, one after the other, in the order in which they came:
 
-    suspected                    the PE is PINGed
-    lost, rebooted, failed       it is left out of ALIVE at once, what it may still drive is counted (`exclusion`), its
-                                 part in the epochs ends, and a plan without it is needed
+    suspected                    the manager sends the PE a PING
+    lost, rebooted, failed       ALIVE leaves the PE out immediately, what it may still drive is counted (`exclusion`),
+                                 its part in the epochs ends, and a plan without it is needed
     absent, joined               a plan is needed
-    answered, heard again        nothing but an event: the PE is counted on still, or not yet
+    answered, heard again        nothing but an event: the PE is still available, or not yet
     any other                    as `known_situation` says
 
-A PE that does not do what it was told is failed, with the cause in words. Late, doubled: the same change does not come
-twice, since `health` and `known_situation` change state once.
+A PE that does not do what it was commanded is failed, with the cause in words. Late, doubled: the same change does not
+come twice, since `health` and `known_situation` change state once.
 """
 
 from collections.abc import Iterable
@@ -48,11 +48,11 @@ class Reactions:
                         self._known.deployment.stopped(module)
 
     def fail(self, pe: str, cause: str) -> None:
-        """Stop counting on a PE that speaks."""
+        """Fail a PE that sends, for this cause."""
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
-    def blame_nobody(self) -> None:
-        """It is this manager that hears no PE: whom that put in quarantine has done nothing."""
+    def discount_losses(self) -> None:
+        """Discount the losses of PEs since this manager hears none, and end the quarantines that they led to."""
         health = self._known.health
         for pe in health.discount_losses():
             if health.is_quarantined(pe):
@@ -85,7 +85,7 @@ class Reactions:
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:
-        """A PE is counted on no more."""
+        """Act on the loss of a PE, which is no longer available."""
         pe, last, known = change.pe, change.last_heard_ns, self._known
         if change.change is Change.REBOOTED:
             known.exclusion.rebooted(pe)

@@ -1,32 +1,32 @@
-"""One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (rule 4).
+"""One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (protocol rule 4).
 
-    PREPARING   PREPARE and the slices are out; every awaited PE must say that it has staged this epoch's digest
-    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must say BROKEN, and the identifiers of
-                PEs that were given up although they speak must have run out
-    GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must say ACTIVE
+    PREPARING   PREPARE and the slices are out; every awaited PE must report that it has staged this epoch's digest
+    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must report BROKEN, and the identifiers of PEs
+                that were given up although they send must have run out
+    GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must report ACTIVE
     HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
-    DONE        every awaited PE is ACTIVE
-                (who is admitted to it later is served all the same)
+    DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later is still served)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
-a heartbeat period (no answer takes so long where nothing is lost: `reconfiguration_bound` sees to that), then half as
-often each time: a lost frame costs little, a doubled one nothing, and a slow PE is not flooded. One that owes an answer
-for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way back,
-only on to a newer epoch.
+A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after a
+heartbeat period (no answer takes so long where nothing is lost: `reconfiguration_bound` sees to that), then half as
+often each time: a lost frame costs little, a doubled one nothing, and a slow PE is not flooded. A PE that owes an
+answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way
+back, only on to a newer epoch.
 
-*Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
-waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
+*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio is served as well, but the epoch
+does not wait for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
 
-A configuration that is on board (rule 5) is called by its number, in PREPARE. A PE that holds it needs no more than
-that; where one says that it does not, after all (NOT_ON_BOARD), or another is known not to, its slice follows as ever.
+A configuration that is on board (protocol rule 5) is called by its number, in PREPARE. A PE that holds it needs no more
+than that. A PE that reports that it does not hold it (NOT_ON_BOARD), or is known not to, gets its slice as usual.
 
-Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager all that
-waited is taken before any patience is held to have run out (`driver`). A restart knows nothing of an epoch on its way:
-who has taken a step of it says so, and the next reign adopts what is clean, or opens another one.
+Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager all
+frames that waited are taken before any patience is held to have run out (`driver`). A restart knows nothing of an epoch
+on its way: a PE that has taken a step of it reports so, and the next mastership adopts what is clean, or opens another
+epoch.
 
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
-and ACTIVATE are for everybody, and everybody answers them: however many PEs are late, they are repeated once in half a
+and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, they are repeated once in half a
 heartbeat period.
 """
 
@@ -45,11 +45,11 @@ from heronry_wire.state_frames import PeState
 
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
-_LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late
+_LONGEST_BURST = 8  # frames of slices sent together by a driver whose timer was late
 
 
 class Stage(Enum):
-    """Where an epoch stands."""
+    """How far an epoch is."""
 
     PREPARING = "preparing"
     BREAKING = "breaking"
@@ -60,7 +60,7 @@ class Stage(Enum):
 
 
 class StageEvent(Enum):
-    """What takes it further."""
+    """Events that change the stage of an epoch."""
 
     BREAKS = auto()
     HOLDS = auto()
@@ -95,13 +95,13 @@ _REACHED = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """A PE counted on when the epoch was opened."""
+    """A PE that was available when the epoch was opened, or was admitted later."""
 
     pe: str
     node: int
     period_ns: int  # of its heartbeat
     awaited: bool
-    runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
+    runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unrequested
     on_board: bool = False  # it holds this very configuration under its number
 
 
@@ -116,26 +116,26 @@ class Cause:
 
 @dataclass(slots=True)
 class _Progress:
-    who: Participant
+    participant: Participant
     staged: bool = False
-    step: Step = Step.PREPARED  # the furthest that its state frames have shown
+    step: Step = Step.PREPARED  # the last one that its state frames have shown
     wants_body: bool = False
     needs_slice: bool = True  # PREPARE alone is not enough
-    since_ns: int = 0  # when it was first asked for what it now owes
+    since_ns: int = 0  # when the manager first asked for what the PE now owes
     asked_ns: int = 0
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """When to ask again: a period after the first time, later and later after that."""
-        return self.asked_ns + self.who.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
+        """When to ask again, in nanoseconds: a period after the first time, later and later after that."""
+        return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """It has answered: from now on it owes the next thing."""
+        """Note that the PE has answered: from now on it owes the next thing."""
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Tell whether it has been asked for the same thing for too long."""
-        return now_ns >= self.since_ns + PATIENCE_PERIODS * self.who.period_ns
+        """Tell whether the PE has owed the same thing for too long."""
+        return now_ns >= self.since_ns + PATIENCE_PERIODS * self.participant.period_ns
 
 
 @dataclass(slots=True)
@@ -165,7 +165,7 @@ class Reconfiguration:
 
     def __post_init__(self) -> None:
         """Send PREPARE, and slices where need be; an epoch that is DONE, because it was adopted, needs neither."""
-        self.step = _STEP_OF[self.stage]  # that LEASE repeats
+        self.step = _STEP_OF[self.stage]  # the step that LEASE repeats
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
         self.identifiers_free_ns: int | None = None  # BREAKING waits until then
@@ -173,7 +173,7 @@ class Reconfiguration:
         self._progress = {
             p.pe: _Progress(p, wants_body=self._differs(p), needs_slice=not p.on_board) for p in self.participants
         }
-        self._by_node = {progress.who.node: progress for progress in self._progress.values()}
+        self._by_node = {progress.participant.node: progress for progress in self._progress.values()}
         self._paced: deque[SliceHead | SliceBody] = deque()
         self._next_paced_ns = self.started_ns
         self._gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
@@ -188,11 +188,11 @@ class Reconfiguration:
 
     @property
     def configuration(self) -> Configuration:
-        """What is to run; of its plan only the proof may become another one."""
+        """What is to run; only the proof of its plan may be replaced."""
         return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
-        """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
+        """Take page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
         progress = self._progress.get(pe)
         if progress is None:
             return
@@ -204,14 +204,14 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Page 1 of a PE: it does not hold this contingency. If that is news, it gets its slice."""
+        """Take page 1 of a PE that does not hold this contingency: it gets its slice, if it has not been sent that."""
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
             self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
-        """Page 0 of a PE names this epoch: it has taken a step."""
+        """Take page 0 of a PE that names this epoch: the PE has taken the step of this state."""
         progress = self._progress.get(pe)
         if progress is None or state is PeState.UNCONFIGURED:
             return
@@ -221,25 +221,25 @@ class Reconfiguration:
             progress.step = reached
             progress.owes(now_ns)
 
-    def admit(self, who: Participant, now_ns: int) -> None:
+    def admit(self, participant: Participant, now_ns: int) -> None:
         """Let a PE take part from now on, after the others: it is served until it has caught up, by LEASE."""
-        before = self._progress.get(who.pe)
+        before = self._progress.get(participant.pe)
         if before is not None and before.step is not Step.GO_ALL:
             return  # it is being served
-        progress = _Progress(who, wants_body=self._differs(who), needs_slice=not who.on_board)
-        self._progress[who.pe] = self._by_node[who.node] = progress
+        progress = _Progress(participant, wants_body=self._differs(participant), needs_slice=not participant.on_board)
+        self._progress[participant.pe] = self._by_node[participant.node] = progress
         self._send_prepare()
         progress.owes(now_ns)
         self._ask(progress, now_ns)
 
     def drop(self, pe: str) -> None:
-        """A PE is no longer counted on: wait for it no more."""
+        """Wait no more for a PE, which is no longer available."""
         self._progress.pop(pe, None)
         self.must_break.discard(pe)
 
     def all_staged(self) -> bool:
         """Tell whether every awaited PE has staged."""
-        return all(p.staged for p in self._progress.values() if p.who.awaited)
+        return all(p.staged for p in self._progress.values() if p.participant.awaited)
 
     def all_broken(self) -> bool:
         """Tell whether every PE that loses something exclusive has stopped it."""
@@ -247,10 +247,10 @@ class Reconfiguration:
 
     def all_active(self) -> bool:
         """Tell whether every awaited PE has taken the last step."""
-        return all(p.step is Step.GO_ALL for p in self._progress.values() if p.who.awaited)
+        return all(p.step is Step.GO_ALL for p in self._progress.values() if p.participant.awaited)
 
     def activate(self, must_break: set[str], now_ns: int) -> None:
-        """Everybody has staged: take the first step (there is no way back)."""
+        """Take the first step, since every awaited PE has staged (there is no way back)."""
         self.times.staged_ns = now_ns
         self.must_break = must_break & self._progress.keys()
         if self.must_break or self.identifiers_free_ns is not None:
@@ -259,21 +259,21 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Everything exclusive is free but a DEMUX that a silent PE may still drive: start the rest."""
+        """Start all but a DEMUX that a silent PE may still drive: everything else exclusive is free."""
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:
-        """Everybody awaited is active."""
+        """End the epoch, since every awaited PE is ACTIVE."""
         self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
-        """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
+        """Give this number up, before its first ACTIVATE: nothing of it is sent any more."""
         self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
-        """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
+        """Repeat what has not been acknowledged; gives the PEs that are overdue."""
         self._pace(now_ns)
         waiting = self._waiting_for()
         overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
@@ -291,7 +291,7 @@ class Reconfiguration:
         return overdue
 
     def next_deadline_ns(self) -> int | None:
-        """When `tick` has something to do."""
+        """Give the time of the next `tick`, in nanoseconds; None: none is due."""
         wanted = self.step
         deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
         if self._paced:
@@ -303,7 +303,7 @@ class Reconfiguration:
         return min(deadlines, default=None)
 
     def _enter(self, event: StageEvent, now_ns: int) -> None:
-        """Take a step: everybody owes it from now on."""
+        """Take a step, which every PE owes from now on."""
         self._move(event)
         self._broadcast_ns = now_ns
         for progress in self._progress.values():
@@ -319,31 +319,34 @@ class Reconfiguration:
         wanted = self.step
         return {pe: p for pe, p in self._progress.items() if not p.staged or p.step < wanted}
 
-    def _differs(self, who: Participant) -> bool:
-        return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]
+    def _differs(self, participant: Participant) -> bool:
+        return (
+            bool(self.compiled.slices[participant.node])
+            and participant.runs_digest != self.compiled.slice_digests[participant.node]
+        )
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send the head of a slice, and its body if it is wanted; nothing to whom PREPARE is enough."""
-        who = progress.who
+        """Send the head of a slice, and its body if it is wanted; nothing to a PE for which PREPARE is enough."""
+        participant = progress.participant
         if not progress.needs_slice:
             progress.asked_ns = now_ns
         elif progress.wants_body:
-            if all(frame.node != who.node for frame in self._paced):
-                self._paced += [self._head(who), *self._body(who)]
+            if all(frame.node != participant.node for frame in self._paced):
+                self._paced += [self._head(participant), *self._body(participant)]
             progress.asked_ns = now_ns + len(self._paced) * self._gap_ns
         else:
-            self.outbox.append(self._head(who))
+            self.outbox.append(self._head(participant))
             progress.asked_ns = now_ns
         progress.asked_times += 1
 
-    def _head(self, who: Participant) -> SliceHead:
-        length, digest = len(self.compiled.slices[who.node]), self.compiled.slice_digests[who.node]
-        return SliceHead(who.node, self.epoch & 0xFF, length, digest)
+    def _head(self, participant: Participant) -> SliceHead:
+        length, digest = len(self.compiled.slices[participant.node]), self.compiled.slice_digests[participant.node]
+        return SliceHead(participant.node, self.epoch & 0xFF, length, digest)
 
-    def _body(self, who: Participant) -> Iterator[SliceBody]:
-        body = self.compiled.slices[who.node]
+    def _body(self, participant: Participant) -> Iterator[SliceBody]:
+        body = self.compiled.slices[participant.node]
         for index, start in enumerate(range(0, len(body), SLICE_BYTES_PER_FRAME), start=1):
-            yield SliceBody(who.node, self.epoch & 0xFF, index, body[start : start + SLICE_BYTES_PER_FRAME])
+            yield SliceBody(participant.node, self.epoch & 0xFF, index, body[start : start + SLICE_BYTES_PER_FRAME])
 
     def _pace(self, now_ns: int) -> None:
         self._next_paced_ns = max(self._next_paced_ns, now_ns - _LONGEST_BURST * self._gap_ns)
@@ -354,7 +357,7 @@ class Reconfiguration:
             self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
 
     def _may_repeat(self, now_ns: int) -> bool:
-        """Tell whether what is for everybody may be said again, and note that it will be."""
+        """Tell whether a broadcast may be repeated now, and note that it will be."""
         may = now_ns >= self._broadcast_ns + self._repeat_ns
         if may:
             self._broadcast_ns = now_ns

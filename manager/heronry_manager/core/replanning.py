@@ -1,10 +1,11 @@
-"""From another situation to what runs: a plan is asked for, becomes an epoch, and the epoch becomes what runs.
+"""From another situation to what runs: a plan is requested, becomes an epoch, and the epoch becomes what runs.
 
-    a change      what is being prepared is void (its number is abandoned), and a plan is asked for: at once, or, where
-                  this manager listens or PEs may still be starting, once that is over. A standby manager asks nothing
+    a change      what is being prepared is void (its number is abandoned), and a plan is requested: immediately, or,
+                  where this manager listens or PEs may still be starting, once that is over. A standby manager requests
+                  nothing
     a plan        that is what runs already changes nothing; any other opens an epoch (`deployment`)
-    an epoch      that is done has taken its causes into account. Then, with nothing under way, the best plan is asked
-                  for in the background, or it is said that all has settled (`Settled`)
+    an epoch      that is done has taken its causes into account. Then, with nothing under way, the best plan is
+                  requested in the background, or the core reports that all has settled (`Settled`)
 
 Desired, commanded and observed stay apart: a plan is desired; `Deployment.current` is the last epoch whose ACTIVATE
 went out; only state frames write what a PE is seen to run.
@@ -13,14 +14,15 @@ A fault while an epoch is being prepared abandons its number. A fault after the 
 (LEASE goes on repeating its step) until the next one is ready to take its place.
 
 *What runs already.* After a restart, or a take-over, PEs go on with what they run. Where that is known it is adopted;
-and where it can stay as it is, the best plan is asked for in the background, and anything else is a fault that has just
-been found. Where it is not known, a plan is asked for, which may turn out to be what runs.
+and where it can stay as it is, the best plan is requested in the background, and anything else is a fault that has just
+been found. Where it is not known, a plan is requested, which may turn out to be what runs.
 
-*Advising.* It plans as if it were active, tells what it would do (`advice`), and takes it for done where the PEs are
-seen to do just that. Beside an active manager it takes in what that one holds and activates, as a standby does
-(`following`). Where PEs run what it has not overheard, and would not plan either, it says so, and advises nothing.
+*Advising.* The manager plans as if it were active, tells what it would do (`advice`), and takes it for done where the
+PEs are seen to do just that. Beside an active manager it takes in what that one holds and activates, as a standby
+manager does (`following`). Where PEs run what it has not overheard, and would not plan either, it reports that, and
+advises nothing.
 
-Answers that are late or doubled are `planning`'s to drop; a planner that fails is asked again by it.
+`planning` drops answers that are late or doubled, and makes the request again where the planner has failed.
 """
 
 from heronry_dg.objective import CRITICAL_CLASSES
@@ -37,7 +39,7 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 
 
 class Replanning:
-    """What becomes of a changed situation."""
+    """Turns a changed situation into a plan, and the plan into an epoch."""
 
     def __init__(
         self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, planning: Planning
@@ -48,7 +50,7 @@ class Replanning:
     # The situation has changed
 
     def need(self, change: PlanNeeded) -> None:
-        """What is being prepared is void, and a new plan is needed."""
+        """Abandon what is being prepared, and request a new plan as soon as possible."""
         if self._claim.state is Mastership.STANDBY:
             return
         now_ns = self._turn.now_ns
@@ -59,7 +61,7 @@ class Replanning:
             self.ask()
 
     def limit(self, change: LimitChanged) -> None:
-        """A radio has another limit: if what runs is as good as any under it, nothing is to be done."""
+        """Act on another limit of a radio: a plan is needed unless what runs is as good as any under it."""
         plan = self._known.deployment.plan
         if plan is not None and self.planning.idle and self._known.situation.spares(plan):
             self._settle()
@@ -67,13 +69,13 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """A PE that hears of a newer epoch than its own drives nothing exclusive (rule 6): it needs one above that."""
+        """Give what runs a newer epoch: a PE that hears of a newer one drives nothing exclusive (protocol rule 6)."""
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
-        """A term begins where another manager has ended."""
+        """Begin a term where another manager has ended, for this cause."""
         self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
@@ -81,7 +83,7 @@ class Replanning:
     # Plans
 
     def ask(self) -> None:
-        """Ask for a plan; the first one of a term is not needed where what runs is known."""
+        """Request a plan; a term needs no first one where what runs is known."""
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
         if is_first and self._known.deployment.adopts_remembered(self._known.situation.now(), runs):
@@ -93,13 +95,13 @@ class Replanning:
         self.planning.ask(self._known.situation.now(), self._known.deployment.running)
 
     def tick(self) -> None:
-        """Ask where the start-up window has just closed, or the planner has failed a while ago."""
+        """Request a plan where the start-up window has just closed, or a failed request is due again."""
         is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
         if is_first or self.planning.is_due_again():
             self.ask()
 
     def ready(self, answer: PlanReady) -> None:
-        """The planner has answered."""
+        """Take a plan from the planner."""
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return
@@ -120,13 +122,13 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def failed(self, answer: PlanFailed) -> None:
-        """The planner could not answer."""
+        """Note that the planner could not answer."""
         if self.planning.failed(answer) and self.planning.in_background:
             self.planning.causes.clear()
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
-        """Tell whether nothing has to be done for a plan; what another term has brought about may be just that."""
+        """Tell whether the PEs run a plan already; another term may have deployed just that."""
         deployment = self._known.deployment
         may_adopt = deployment.current is None or self._settings.advise
         return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
@@ -134,14 +136,14 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Move the epochs on; one that is done has taken its causes into account."""
+        """Move the epochs on; the causes of one that is done are dropped."""
         done = self._known.deployment.advance()
         if done is not None:
             self.planning.done(done.causes)
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """When advising: see what another manager has brought about, and what is to be said of it."""
+        """When advising: look at what another manager has deployed, and advise on it."""
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
@@ -149,7 +151,7 @@ class Replanning:
             self._weigh()
 
     def _weigh(self) -> None:
-        """It has become known what runs: where that may stay, a better plan is asked for in the background."""
+        """Decide on what has become known to run: where it may stay, a better plan is requested in the background."""
         if self._may_stay() and not self.planning.waiting:
             self.planning.causes.clear()
             self._settle()
@@ -160,7 +162,7 @@ class Replanning:
         """Tell whether what runs can go on as it is: legal, with all that is critical, and no PE waits outside."""
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, phase = deployment.plan, situation.phase
-        if plan is None or not deployment.everybody_runs_it():
+        if plan is None or not deployment.all_available_run_it():
             return False
         functions = spec.functions.values()
         wanted = sum(f.priority_in(phase) for f in functions if f.criticality_in(phase) in CRITICAL_CLASSES)
@@ -169,7 +171,7 @@ class Replanning:
         return not verify(spec, situation.now(), plan.configuration)
 
     def _settle(self) -> None:
-        """Say that nothing is under way, if nothing is."""
+        """Report that all has settled, if nothing is under way."""
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:

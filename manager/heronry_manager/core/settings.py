@@ -1,4 +1,4 @@
-"""What a manager is set to be when it is started: it stays so for as long as it runs."""
+"""The settings of a manager: given when it is started, and the same for as long as it runs."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ class ManagerSettings:
     """One manager of one spec.
 
     node: 126 or 127.
-    window_ns: how long PEs that were never heard are waited for.
-    advise: it says nothing on the bus, ever, and tells what it would do instead.
-    on_board: what PEs that were given their part of the contingency file can be switched to by number.
-    key: of the fleet; with one every command is tagged, and nothing is believed that was not.
+    window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
+    advise: it sends nothing on the bus, ever, and tells what it would do instead.
+    on_board: the configurations to which PEs that hold their part of the contingency file can be switched by number.
+    key: of the fleet; with one every command is tagged, and nothing is believed without a tag.
     standby: it stands by while another manager is active, instead of ending.
-    tells_departures: whoever drives it says when an ALIVE is on the bus; else it is taken to be there at once.
+    tells_departures: its driver reports when an ALIVE is on the bus; else it is taken to be there immediately.
     """
 
     spec: Spec
@@ -33,7 +33,7 @@ class ManagerSettings:
 
     @property
     def bus(self) -> Bus:
-        """The one on which managers speak."""
+        """The manager's bus."""
         return self.spec.buses[self.spec.manager.bus]
 
     @property
@@ -43,5 +43,5 @@ class ManagerSettings:
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether it may begin as soon as it hears no manager: 126, and whoever is the only one."""
+        """Tell whether it may begin as soon as it hears no manager: 126, or the only one."""
         return self.node == FIRST_MANAGER or not self.standby

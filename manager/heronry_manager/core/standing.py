@@ -2,11 +2,11 @@
 
     WAITING    never heard, the start-up window is open
     UP         heard within its period
-    SUSPECT    a period was missed; it has been PINGed; still counted on
+    SUSPECT    a period was missed, and the manager has sent PING; still available
     DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
-    RETURNING  heard again; counted on after a hold-down without a gap
+    RETURNING  heard again; available after a hold-down without a gap
 
-A PE is counted on while it is UP or SUSPECT.
+A PE is available while it is UP or SUSPECT.
 """
 
 from enum import Enum, auto
@@ -25,7 +25,7 @@ class Standing(Enum):
 
 
 class StandingEvent(Enum):
-    """What changes that."""
+    """Events that change the standing of a PE."""
 
     HEARD = auto()
     LATE = auto()
@@ -33,7 +33,7 @@ class StandingEvent(Enum):
     FAILED = auto()  # or rebooted, barred, beyond a radio that is gone
     WINDOW_CLOSES = auto()
     HOLD_DOWN_ENDS = auto()
-    VOUCHED_FOR = auto()
+    INHERITED = auto()
     AWAITED_AGAIN = auto()
     QUARANTINED = auto()
 
@@ -58,7 +58,7 @@ TRANSITIONS = TransitionTable(
         (Standing.DOWN, StandingEvent.FAILED, Standing.DOWN, ""),
         (Standing.DOWN, StandingEvent.QUARANTINED, Standing.DOWN, ""),
         (Standing.RETURNING, StandingEvent.HOLD_DOWN_ENDS, Standing.UP, "hold-down is over"),
-        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "it was available to the previous manager"),
+        (Standing.RETURNING, StandingEvent.INHERITED, Standing.UP, "it was available to the previous manager"),
         (Standing.RETURNING, StandingEvent.SILENT, Standing.DOWN, "silent again"),
         (Standing.RETURNING, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
         *(

@@ -1,4 +1,4 @@
-"""How things stand, as plain data for `heronry status`: what the manager knows, and nothing that it only wishes.
+"""The manager's status, as plain data for `heronry status`: what the manager knows, and nothing that it only wants.
 
 A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
 
@@ -9,15 +9,15 @@ A pure function of the parts of the core. The document is versioned; a later ver
     unknown_epoch   newest epoch that PEs run, where this manager does not know what that is: then `epoch` is null; else
                     this is, and so it is where the manager stands by
     pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands as it says)
+                    (null without a key; else is_believed, refused_states, and refused_commands by its report)
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
-    channels        of replicated buses, by name (can0.1): who hears nothing on it
+    channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch;
                     where that is not known, served, mode and value are null)
     buses           by name: bits_per_s and load, as planned
-    unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
+    unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 """
 
 from collections.abc import Iterator, Mapping
@@ -45,7 +45,7 @@ def status(
     unknown_epoch: int | None,
     authenticity: Authenticity | None = None,
 ) -> dict[str, Any]:
-    """Build the document; `manager` is what the core says of itself."""
+    """Build the document; `manager` is the part on the manager itself."""
     current, plan, phase = deployment.current, deployment.plan, situation.phase
     return {
         "v": VERSION,

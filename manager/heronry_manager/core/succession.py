@@ -1,12 +1,12 @@
-"""How one manager follows another: what `mastership` has decided is carried out here, for all parts of the core.
+"""How one manager follows another: this file carries out what `mastership` has decided, for all parts of the core.
 
     begin a term     from now on the PEs know this manager; a PE that is not heard may drive on for T_lease
     give way         another manager is active, with a higher term or first: forget all but the memory, and follow it
-    follow           what the active manager says is taken in (`following`), by a standby manager and one that advises
-    take over        no manager is active any more, as the PEs say: begin a term with what was learnt. A PE that was
-                     counted on to the last, and runs what it was given, need not be held down; one that cannot be
-                     believed yet is waited for (`health`)
-    fall silent      no PE is heard, or most of them refuse this manager: forget, say nothing, listen for a PE
+    follow           a standby manager, and one that advises, takes in what the active manager sends (`following`)
+    take over        no manager is active any more, as the PEs report: begin a term with what was learnt. A PE that was
+                     available to the last, and runs what it was given, need not be held down; the manager waits for a
+                     PE that cannot be believed yet (`health`)
+    fall silent      no PE is heard, or most of them refuse this manager: forget, send nothing, listen for a PE
 
 Lost, late, doubled, forged: see `mastership` and `following`.
 """
@@ -41,10 +41,10 @@ class Succession:
         self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
         self._beat, self._replanning, self._reactions = beat, replanning, reactions
 
-    # What another manager says
+    # What another manager sends
 
     def heard(self, node: int, message: ManagementMessage | Malformed) -> None:
-        """Another manager speaks."""
+        """Take a command of another manager: follow it, or give way to it."""
         if isinstance(message, Malformed):
             return
         if self._claim.state is Mastership.STANDBY:
@@ -84,21 +84,21 @@ class Succession:
     # Beginning and ending
 
     def begin_term(self) -> None:
-        """Begin to speak, if there is a term left to do so."""
+        """Begin a term, if one is left: this manager is active from now on."""
         if self._claim.begin_term():
             self._known.deployment.begin(self._turn.term)
             self._known.exclusion.begun(self._turn.now_ns, self._known.health.available())
             self._beat.begin()
 
     def take_over(self) -> None:
-        """No manager is active any more: begin a term in the place of the one that was followed."""
+        """Begin a term in the place of the manager that was followed, since none is active any more."""
         known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
         active = filter(known.deployment.is_active, followed.available())
         inherited = known.health.inherited(active, now_ns)
         self._reactions.take(inherited)
         self.begin_term()
         for change in inherited:
-            known.exclusion.unknown(change.pe)  # nothing that it has taken up was counted here
+            known.exclusion.unknown(change.pe)  # this manager has not counted what the PE has taken up
         if not self._claim.is_active:
             return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
@@ -111,10 +111,10 @@ class Succession:
         )
         known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
         known.health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
-        self._replanning.take_over(Cause("nobody reigned", now_ns, known_ns))
+        self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
 
     def is_over(self, *, hears_no_pe: bool) -> bool:
-        """Tell whether this term is over: this manager is cut off, or deaf, or its term is behind."""
+        """Tell whether this term is over: this manager is cut off, its receiver has failed, or its term is behind."""
         if self._settings.advise or self._claim.state is not Mastership.ACTIVE:
             return False
         if hears_no_pe:

@@ -35,7 +35,7 @@ def uplink_bus(spec: Spec, pe: str) -> str:
 
 
 def command_period_ns(spec: Spec, pe: str) -> int:
-    """Slowest heartbeat period on the way from the manager's bus to a PE: so often LEASE and ALIVE come there.
+    """Slowest heartbeat period on the way from the manager's bus to a PE: that of LEASE and ALIVE there (ns).
 
     Of a PE without any way to the manager, that of its own buses counts.
     """
@@ -56,11 +56,11 @@ def reached_by_wire(spec: Spec) -> frozenset[str]:
 def radios(spec: Spec) -> dict[str, Radio]:
     """Every radio that a gateway reports on, by name: the first nine that are not the manager's own bus."""
     wireless = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"][: len(GATEWAY_IDS)]
-    everybody = survivors(spec, Situation()).pe_cpu_millis.keys()
+    all_pes = survivors(spec, Situation()).pe_cpu_millis.keys()
     found = {}
     for number, bus in enumerate(wireless):
         near = survivors(spec, Situation(frozenset({f"bus:{bus}"}))).pe_cpu_millis.keys()
         gateway = next((pe for pe in spec.pes if pe in near and bus in spec.pes[pe].buses), None)
         if gateway is not None:
-            found[bus] = Radio(bus, link_id(number), gateway, frozenset(everybody - near))
+            found[bus] = Radio(bus, link_id(number), gateway, frozenset(all_pes - near))
     return found

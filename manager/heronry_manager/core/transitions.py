@@ -1,4 +1,4 @@
-"""A state machine written as a table: each change of state that there may be, the event that makes it, and why.
+"""A state machine written as a table: each possible change of state, the event that makes it, and why.
 
 The owner keeps its state in an attribute of its own and changes it by `after` alone, so that a change which the table
 lacks ends in an InvariantError, at the moment when it is made. The diagrams of docs/protocol/ are written from the same

@@ -1,8 +1,8 @@
-"""One call of the manager's core: when it is, and what has been asked for so far.
+"""One call of the manager's core: when it is, and what the core has requested so far.
 
 The parts that act share the turn instead of handing a time and a list through every call. What is held from one call to
-the next is the same for all of them: the time, the term of this reign, what is remembered over a restart, and the last
-kinds of events, which tell a broken invariant's story.
+the next is the same for all of them: the time, the term of this mastership, what is remembered over a restart, and the
+last kinds of events, which an InvariantError lists.
 """
 
 from collections import deque
@@ -27,7 +27,7 @@ class Encodable(Protocol):
 
 
 class Turn:
-    """The call being served, of manager `node`; a `silent` one says nothing on the bus, and remembers nothing."""
+    """The call being served, of manager `node`; a `silent` manager sends nothing on the bus, and remembers nothing."""
 
     def __init__(self, node: int, now_ns: int, *, term: int, memory: Memory = NOTHING, silent: bool = False) -> None:
         self.node, self.term, self.memory = node, term, memory
@@ -38,25 +38,25 @@ class Turn:
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:
-        """Ask for something to be done."""
+        """Request these actions of the driver; a silent manager's frames are dropped."""
         self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:
-        """Send a command to everybody on the bus."""
+        """Send a command on the manager's bus."""
         self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
 
     def keep(self, record: Record) -> None:
-        """Remember something, over a restart too."""
+        """Remember a record, over a restart too."""
         if not self.silent:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))
 
     def emit(self, kind: str, **data: Any) -> None:
-        """Tell the stream of events."""
+        """Add an event to the stream; raises KeyError for an unknown kind."""
         self.recent.append(f"{self.now_ns} {kind}")
         self.ask(Emit(make_event(kind, self.now_ns, **data)))
 
     def end(self) -> list[ManagerAction]:
-        """Give all that was asked for, in order."""
+        """Give all actions that were requested in this call, in order."""
         actions, self._actions = self._actions, []
         return actions if self.seal is None else self.seal(actions)

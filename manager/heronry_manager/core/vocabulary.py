@@ -1,6 +1,6 @@
-"""What the manager's core is told and what it asks for, beside frames and time (`heronry_wire.sansio`).
+"""The events and actions of the manager's core, beside frames and time (`heronry_wire.sansio`).
 
-Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number: an answer to an older question is
+Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number: an answer to an older request is
 thereby recognised and dropped.
 """
 
@@ -18,10 +18,10 @@ from heronry_wire.sansio import Received, Send, Tick
 
 @dataclass(frozen=True, slots=True)
 class RequestPlan:
-    """Ask for a plan; answer with PlanReady or PlanFailed and the same number.
+    """Request a plan; answer with PlanReady or PlanFailed and the same number.
 
     running: what runs now; None: nothing is known to run.
-    at_leisure: for the best plan, however long it takes. Else it must come at once, and need not be the best.
+    in_background: for the best plan, however long it takes. Else it must come immediately, and need not be the best.
     """
 
     request: int
@@ -32,7 +32,7 @@ class RequestPlan:
 
 @dataclass(frozen=True, slots=True)
 class PlanReady:
-    """The answer to RequestPlan: a plan that the judge has accepted."""
+    """The answer to RequestPlan: a plan that the verifier has accepted."""
 
     request: int
     plan: Plan
@@ -48,7 +48,7 @@ class PlanFailed:
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What was planned for this runs, and nothing is under way: time to think ahead. Needs no answer."""
+    """What was planned for this runs, and nothing is under way: there is time to pre-plan. Needs no answer."""
 
     now: Situation
     running: Placement
@@ -56,35 +56,35 @@ class Settled:
 
 @dataclass(frozen=True, slots=True)
 class Emit:
-    """An event for the stream."""
+    """Write an event to the stream."""
 
     event: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Keep:
-    """Keep this over a restart; what may never be used twice, before anything that comes after it is sent."""
+    """Keep a record over a restart; a number must be on disk before any frame that comes after it is sent."""
 
     record: Record
 
 
 @dataclass(frozen=True, slots=True)
 class JournalTold:
-    """Whether the journal can keep what it is given: what is wrong, or None where it can again."""
+    """Report of the journal: why it cannot keep what it is given, or None where it can again."""
 
     problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """Which channels of the manager's bus, from 1, carry nothing of what the other one carries; told on change."""
+    """Channels of the manager's bus, from 1, that carry nothing of what the other one carries; sent on change."""
 
     channels: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
 class AliveLeft:
-    """An ALIVE that was asked for is on the bus."""
+    """An ALIVE that the core has sent is on the bus."""
 
     frame: Frame
 
@@ -98,7 +98,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class EnterPhase:
-    """The operator wants this mission phase."""
+    """The operator orders this mission phase."""
 
     phase: str
 
@@ -119,14 +119,14 @@ class ClearElement:
 
 @dataclass(frozen=True, slots=True)
 class UnlockPe:
-    """The operator wants other tools to write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
+    """The operator lets other tools write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
 
     element: str
 
 
 @dataclass(frozen=True, slots=True)
 class AskStatus:
-    """The operator wants to know how things stand."""
+    """The operator requests the status."""
 
 
 Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
@@ -134,7 +134,7 @@ Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
 
 @dataclass(frozen=True, slots=True)
 class OperatorSaid:
-    """An order; answered at once by one Reply with the same number."""
+    """An order; answered in the same call by one Reply with the same number."""
 
     number: int
     order: Order
@@ -142,7 +142,7 @@ class OperatorSaid:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to an order: what was done, or why not, in a sentence; for AskStatus the status."""
+    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status."""
 
     number: int
     done: bool

@@ -1,4 +1,4 @@
-"""Whom a manager counts on: how it starts, suspects, asks, declares, and lets back in (rules 2, 3 and 7)."""
+"""Which PEs are available to a manager: start, suspicion, loss, return (protocol rules 2, 3 and 7)."""
 
 from itertools import pairwise
 
@@ -34,7 +34,7 @@ _ALL = {"flight", "tail_a", "tail_b"}
 
 
 def _silence(manager: ManagerUnderTest, *pes: str) -> int:
-    """Let PEs be silent from just after a word of the last one; gives that moment."""
+    """Let PEs be silent from just after a state of the last one; gives that moment."""
     last = manager.pes[pes[-1]]
     place_ns = (last.node - 92) * PERIOD_NS // 34
     manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + place_ns + MS)
@@ -44,7 +44,7 @@ def _silence(manager: ManagerUnderTest, *pes: str) -> int:
 
 
 def _gone_ns(manager: ManagerUnderTest, pe: str, since_ns: int) -> int:
-    """When ALIVE has named a PE no more."""
+    """When ALIVE first left the PE out."""
     node = manager.pes[pe].node
     return next((t_ns for t_ns, alive in manager.said(Alive, since_ns) if node not in alive.nodes), -1)
 
@@ -54,8 +54,8 @@ def _back_ns(manager: ManagerUnderTest, pe: str, since_ns: int) -> int:
     return next((t_ns for t_ns, alive in manager.said(Alive, since_ns) if node in alive.nodes), -1)
 
 
-def it_listens_before_it_speaks() -> None:
-    """For T_lease; then LEASE and ALIVE every period, in this order, in a term of its own parity."""
+def a_manager_listens_before_it_sends() -> None:
+    """It listens for T_lease; then LEASE and ALIVE go out every period, in this order, in a term of its own parity."""
     for node, memory, term in ((126, Memory(), 1), (127, Memory(), 2), (126, Memory(term=4), 5), (126, Memory(5), 7)):
         spec = example("demux_actuators")
         manager = ManagerUnderTest(spec, node=node, disk=remembering(spec, memory))
@@ -75,17 +75,17 @@ def it_listens_before_it_speaks() -> None:
         demand(manager.lease().epoch > (term - 1) * 16, "its epochs do not begin with the block of its term")
 
 
-def it_is_a_node_of_canopen_and_canaerospace_too() -> None:
-    """A heartbeat a second that says operational; identified at once if asked alone, after (n - 92) ms if all were."""
+def a_manager_is_a_node_of_canopen_and_canaerospace_too() -> None:
+    """A heartbeat a second; an IDS to it is answered immediately, one to all after (n - 92) ms."""
     manager = ManagerUnderTest().flies()
     manager.run(3 * _S)
     beats = manager.main.since(-1, [heartbeat_id(126)])
     equal([frame.data for _, frame in beats], 4 * [b"\x05"], "CANopen heartbeats")
     times = [t_ns for t_ns, _ in beats]
     demand(all(abs(b - a - 1000 * MS) < 2 * MS for a, b in pairwise(times)), f"they come at {times}")
-    for asked, after_ms in ((request(Service.IDS, 126, message_code=3), 0), (request(Service.IDS, BROADCAST), 34)):
+    for question, after_ms in ((request(Service.IDS, 126, message_code=3), 0), (request(Service.IDS, BROADCAST), 34)):
         began_ns = manager.now_ns
-        manager.main.say(encode_service(asked))
+        manager.main.say(encode_service(question))
         manager.run(45)
         answers = manager.main.since(began_ns, [service_id(0, is_answer=True)])
         equal(len(answers), 1, "answers to IDS")
@@ -101,34 +101,34 @@ def it_is_a_node_of_canopen_and_canaerospace_too() -> None:
     equal(manager.main.since(began_ns, [service_id(0, is_answer=True)]), [], "answers to IDS of another node")
 
 
-def it_waits_for_who_was_never_heard() -> None:
-    """Until the start-up window of 5 s closes; without waiting, once all are heard."""
+def the_start_waits_for_pes_that_were_never_heard() -> None:
+    """It waits until the start-up window of 5 s closes; it does not wait, once all PEs are heard."""
     manager = ManagerUnderTest()
     manager.run(130)
-    demand(bool(manager.asked()), "all are heard, and nothing is planned")
-    equal(manager.asked()[0].now.down, frozenset(), "down")
+    demand(bool(manager.plan_requests()), "all are heard, and nothing is planned")
+    equal(manager.plan_requests()[0].now.down, frozenset(), "down")
     manager = ManagerUnderTest()
     manager.pes["tail_b"].speaks = False
     manager.run_until(4990 * MS)
-    equal(manager.asked(), [], "plans asked for while the window is open")
-    equal(manager.has_available(), {"flight", "tail_a"}, "counted on while the window is open")
+    equal(manager.plan_requests(), [], "plans requested while the window is open")
+    equal(manager.has_available(), {"flight", "tail_a"}, "available while the window is open")
     manager.run(25)
-    demand(bool(manager.asked()), "the window has closed, and nothing is planned")
-    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
+    demand(bool(manager.plan_requests()), "the window has closed, and nothing is planned")
+    equal(manager.plan_requests()[0].now.down, {"pe:tail_b"}, "down")
 
 
-def in_flight_it_does_not_wait() -> None:
+def in_flight_the_start_does_not_wait() -> None:
     """Where some PE runs a configuration, the window closes once the others have missed what they may, and one more."""
     manager = ManagerUnderTest()
     manager.pes["tail_b"].speaks = False
     flying = manager.pes["flight"]
     flying.epoch, flying.digest, flying.state = 3, 0x42, PeState.ACTIVE
     manager.run_until(75 * MS)
-    equal(manager.asked(), [], "plans asked for before")
+    equal(manager.plan_requests(), [], "plans requested before")
     manager.run_until(150 * MS)
-    demand(bool(manager.asked()), "the flight is under way, and nothing is planned")
-    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
-    demand(manager.asked()[0].running is None, "it says that it knows what runs")
+    demand(bool(manager.plan_requests()), "the flight is under way, and nothing is planned")
+    equal(manager.plan_requests()[0].now.down, {"pe:tail_b"}, "down")
+    demand(manager.plan_requests()[0].running is None, "it says that it knows what runs")
     manager = ManagerUnderTest()
     for pe in ("flight", "tail_b"):
         manager.pes[pe].speaks = False
@@ -138,46 +138,46 @@ def in_flight_it_does_not_wait() -> None:
     flying.speaks = True
     flying.beat()
     manager.run_until(233 * MS)
-    equal(manager.asked(), [], "plans asked for before the others have missed what they may, and one")
+    equal(manager.plan_requests(), [], "plans requested before the others have missed what they may, and one")
     manager.run_until(245 * MS)
-    equal(len(manager.asked()), 1, "plans asked for after that")
+    equal(len(manager.plan_requests()), 1, "plans requested after that")
 
 
-def who_is_late_is_asked_and_who_is_silent_is_lost() -> None:
-    """PING a period and a quarter after the last word, and with every beat; lost after three and a quarter."""
+def a_late_pe_gets_a_ping_and_a_silent_pe_is_lost() -> None:
+    """PING a period and a quarter after the last state, and with every beat; lost after three and a quarter."""
     manager = ManagerUnderTest().flies()
     last_ns = _silence(manager, "tail_b")
     manager.run_until(last_ns + 200 * MS)
     pings = [(t_ns, ping) for t_ns, ping in manager.said(Ping, last_ns) if ping.node == manager.pes["tail_b"].node]
     demand(len(pings) >= 3, f"{len(pings)} PINGs")
     demand(24 * MS < pings[0][0] - last_ns < 26.5 * MS, f"the first PING comes {(pings[0][0] - last_ns) / MS} ms later")
-    equal({ping.node for _, ping in manager.said(Ping, last_ns)}, {manager.pes["tail_b"].node}, "who is PINGed")
-    demand(max(t_ns for t_ns, _ in pings) < last_ns + 70 * MS, "who is lost is PINGed")
+    equal({ping.node for _, ping in manager.said(Ping, last_ns)}, {manager.pes["tail_b"].node}, "PEs that get a PING")
+    demand(max(t_ns for t_ns, _ in pings) < last_ns + 70 * MS, "a lost PE gets a PING")
     lost = manager.told("pe_lost", last_ns)
-    equal([one["pe"] for one in lost], ["tail_b"], "who is lost")
+    equal([one["pe"] for one in lost], ["tail_b"], "PEs that are lost")
     demand(64 * MS < lost[0]["t_ns"] - last_ns < 66.5 * MS, f"lost {(lost[0]['t_ns'] - last_ns) / MS} ms later")
     gone_ns = _gone_ns(manager, "tail_b", last_ns)
-    demand(0 < gone_ns - lost[0]["t_ns"] <= PERIOD_NS + MS, "ALIVE names who is lost")
-    equal(manager.asked()[-1].now.down, {"pe:tail_b"}, "planned without")
+    demand(0 < gone_ns - lost[0]["t_ns"] <= PERIOD_NS + MS, "ALIVE names a lost PE")
+    equal(manager.plan_requests()[-1].now.down, {"pe:tail_b"}, "planned without")
 
 
-def who_answers_in_time_stays() -> None:
-    """A word 64 ms after the last one is in time."""
+def a_pe_that_answers_in_time_stays() -> None:
+    """A state 64 ms after the last one is in time."""
     manager = ManagerUnderTest().flies()
-    asked = len(manager.asked())
+    before = len(manager.plan_requests())
     last_ns = _silence(manager, "tail_b")
     manager.run_until(last_ns + 62 * MS)
     manager.pes["tail_b"].speaks = True
     manager.pes["tail_b"].beat()
     manager.run(500)
     equal(_gone_ns(manager, "tail_b", last_ns), -1, "when ALIVE did not name it")
-    equal(len(manager.asked()), asked, "plans asked for")
+    equal(len(manager.plan_requests()), before, "plans requested")
     began_ns = manager.now_ns
     manager.run(200)
     equal(manager.said(Ping, began_ns), [], "PINGs when all is well")
 
 
-def who_comes_back_is_held_down() -> None:
+def a_pe_that_comes_back_is_held_down() -> None:
     """For ten periods without a gap, twice as long with each loss, a minute at most; a gap begins it anew."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
@@ -208,8 +208,8 @@ def who_comes_back_is_held_down() -> None:
     demand(last_ns < gap_ns, "time goes on")
 
 
-def who_is_cleared_waits_for_the_shortest_time() -> None:
-    """A PE in quarantine that the operator clears joins after ten periods, and is told of."""
+def a_cleared_pe_waits_for_the_shortest_time() -> None:
+    """A PE in quarantine that the operator clears joins after ten periods, and an event reports it."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     for hold_ms in (200, 400):
@@ -217,21 +217,21 @@ def who_is_cleared_waits_for_the_shortest_time() -> None:
         manager.run(100)
         tail.speaks = True
         manager.run(hold_ms + 60)
-    equal(len(manager.told("pe_joined")), 5, "who has joined: three, and one of them twice again")
+    equal(len(manager.told("pe_joined")), 5, "joins: three, and two more of one PE")
     _silence(manager, "tail_b")
     manager.run(100)
     tail.speaks = True
     manager.run(50)
-    demand(manager.accept(ClearElement("pe:tail_b")).done, "who is in quarantine cannot be cleared")
+    demand(manager.accept(ClearElement("pe:tail_b")).done, "a PE in quarantine cannot be cleared")
     manager.run(120)
-    demand("tail_b" not in manager.has_available(), "who was cleared is back at once")
+    demand("tail_b" not in manager.has_available(), "a cleared PE is back immediately")
     manager.run(90)
-    demand("tail_b" in manager.has_available(), "who was cleared waits on")
-    demand(not manager.accept(ClearElement("pe:tail_b")).done, "who is counted on is cleared")
+    demand("tail_b" in manager.has_available(), "a cleared PE waits on")
+    demand(not manager.accept(ClearElement("pe:tail_b")).done, "an available PE is cleared")
 
 
 def losses_are_forgiven_after_a_minute() -> None:
-    """Of being counted on: then the next hold-down is the shortest again."""
+    """Once a PE has been available for a minute, its next hold-down is the shortest again."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     for available_s, hold_ms in ((0, 200), (59, 400), (61, 200)):
@@ -251,33 +251,33 @@ def losses_are_forgiven_after_a_minute() -> None:
 
 
 def the_longest_hold_down_is_a_minute() -> None:
-    """However often a PE is lost; a restart remembers how often it was, and lets it wait."""
+    """The limit holds however often a PE is lost; a restart remembers the number of losses, and the hold-down."""
     spec = example("demux_actuators")
     for losses, hold_ms in ((2, 400), (8, 25_600), (9, 51_200), (10, 60_000), (30, 60_000)):
         manager = ManagerUnderTest(spec, disk=remembering(spec, Memory(term=1, quarantined={"tail_b": losses})))
         manager.run(700)
         heard = [one["cause"] for one in manager.told("pe_heard_again")]
         equal(heard, [f"held down for {hold_ms} ms"], f"after {losses} losses it is")
-        equal(manager.has_available() == _ALL, hold_ms < 700, "counted on after 700 ms")
+        equal(manager.has_available() == _ALL, hold_ms < 700, "available after 700 ms")
 
 
 def a_reboot_is_a_loss() -> None:
-    """Another incarnation, however soon; what it ran has stopped, so nothing is waited for."""
+    """Another incarnation is a loss, however soon; what the PE ran has stopped, so nothing is waited for."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_a"]  # it drives
     tail.reboot()
     tail.beat()
     began_ns = manager.run(45)
     lost = manager.told("pe_lost", began_ns)
-    equal([(one["pe"], one["cause"]) for one in lost], [("tail_a", "it rebooted (incarnation 2)")], "who is lost")
-    demand(lost[0]["t_ns"] - began_ns < 2 * MS, "a reboot is not noticed at once")
+    equal([(one["pe"], one["cause"]) for one in lost], [("tail_a", "it rebooted (incarnation 2)")], "PEs that are lost")
+    demand(lost[0]["t_ns"] - began_ns < 2 * MS, "a reboot is not noticed immediately")
     manager.run(250)
     steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
-    equal(steps[:1], ["GO_ALL"], "steps after a reboot of who drove")
+    equal(steps[:1], ["GO_ALL"], "steps after a reboot of the PE that drove")
 
 
-def who_does_not_hear_is_failed() -> None:
-    """Who says for longer than T_lease that it hears no lease, while most do; not before it hears is it taken back."""
+def a_pe_that_does_not_hear_is_failed() -> None:
+    """A PE is failed that reports for longer than T_lease that it hears no lease, while most PEs hear it."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     manager.run_into_next_period(8)
@@ -286,12 +286,12 @@ def who_does_not_hear_is_failed() -> None:
     equal(manager.told("pe_lost", began_ns), [], "lost within T_lease")
     manager.run(50)
     lost = manager.told("pe_lost", began_ns)
-    equal([(one["pe"], one["cause"]) for one in lost], [("tail_b", "it hears no lease")], "who is failed")
+    equal([(one["pe"], one["cause"]) for one in lost], [("tail_b", "it hears no lease")], "PEs that are failed")
     manager.run(1000)
-    demand("tail_b" not in manager.has_available(), "who does not hear is taken back")
+    demand("tail_b" not in manager.has_available(), "a PE that does not hear is available again")
     tail.hears = True
     manager.run(300)
-    demand("tail_b" in manager.has_available(), "who hears again is not taken back")
+    demand("tail_b" in manager.has_available(), "a PE that hears again is not available again")
     tail.hears = False
     manager.run(90)
     tail.hears = True
@@ -301,8 +301,8 @@ def who_does_not_hear_is_failed() -> None:
     equal(manager.told("pe_lost", began_ns), [], "lost although it has heard in between")
 
 
-def what_page_1_says_of_the_lease_counts_too() -> None:
-    """Where page 0 is lost each time, page 1 is what is heard: that the PE lives, and that it hears."""
+def what_page_1_reports_of_the_lease_counts_too() -> None:
+    """Where page 0 is lost each time, page 1 tells that the PE lives, and that it hears."""
     manager = ManagerUnderTest().flies()
     quiet = manager.pes["tail_b"]
     quiet.speaks = False
@@ -315,56 +315,54 @@ def what_page_1_says_of_the_lease_counts_too() -> None:
         equal([one["pe"] for one in manager.told("pe_lost", began_ns)], lost, f"lost when page 1 says hears={hears}")
 
 
-def when_most_do_not_hear_nobody_is_failed() -> None:
-    """It is the manager then that is not heard; half of them are not most."""
+def when_most_pes_do_not_hear_none_is_failed() -> None:
+    """It is the manager then that is not heard; half of the PEs are not most."""
     manager = ManagerUnderTest().flies()
     for pe in ("tail_a", "tail_b"):
         manager.pes[pe].hears = False
     began_ns = manager.run(400)
-    equal(manager.told("pe_lost", began_ns), [], "who is lost")
+    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost")
     manager.pes["tail_a"].hears = True
     manager.run(200)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when one of three is deaf")
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "lost when one of three does not hear")
     manager.pes["tail_b"].speaks = False
     manager.run(200)
     manager.pes["tail_a"].hears = False
     began_ns = manager.run(200)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_a"], "who is lost when one of two is deaf")
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_a"], "lost when one of two does not hear")
 
 
-def who_hears_nobody_says_nothing() -> None:
-    """Until somebody is heard again: then it listens for T_lease, and begins a new term."""
+def a_manager_that_hears_no_pe_sends_nothing() -> None:
+    """It sends nothing until a PE is heard again: then it listens for T_lease, and begins a new term."""
     manager = ManagerUnderTest().flies()
     term = manager.lease().term
     last_ns = _silence(manager, "flight", "tail_a", "tail_b")
     manager.run(300)
-    demand(bool(manager.told("hears_nobody", last_ns)), "it hears nobody, and goes on")
+    demand(bool(manager.told("hears_nobody", last_ns)), "it hears no PE, and goes on")
     began_ns = manager.run(5000)
-    equal(manager.heard(began_ns, *Command), [], "commands of who hears nobody")
+    equal(manager.heard(began_ns, *Command), [], "commands of a manager that hears no PE")
     manager.pes["flight"].speaks = True
     began_ns = manager.run(600)
     first_ns, lease = manager.said(Lease, began_ns)[0]
     equal(lease.term, term + 2, "its next term")
-    demand(
-        95 * MS < first_ns - began_ns < 125 * MS, f"it speaks {(first_ns - began_ns) / MS} ms after it hears somebody"
-    )
+    demand(95 * MS < first_ns - began_ns < 125 * MS, f"it sends {(first_ns - began_ns) / MS} ms after it hears a PE")
 
 
-def who_hears_nobody_puts_nobody_in_quarantine() -> None:
-    """Who was lost before, and now with all others, is held down no longer for that; the journal says so, too."""
+def a_manager_that_hears_no_pe_puts_none_in_quarantine() -> None:
+    """A PE that was lost before, and now with all others, is held down no longer for that; so says the journal, too."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].reboot()
     manager.run(800)
-    demand("tail_b" in manager.has_available(), "who has restarted is not taken back")
+    demand("tail_b" in manager.has_available(), "a PE that has restarted is not available again")
     began_ns = _silence(manager, "flight", "tail_a", "tail_b")
     manager.run(300)
     lost = [one["pe"] for one in manager.told("pe_lost", began_ns)]
-    equal(sorted(lost), ["flight", "tail_a", "tail_b"], "who is lost")
-    equal(manager.disk.opened().quarantined, {}, "who is in quarantine after a restart")
+    equal(sorted(lost), ["flight", "tail_a", "tail_b"], "PEs that are lost")
+    equal(manager.disk.opened().quarantined, {}, "PEs in quarantine after a restart")
 
 
-def who_is_refused_by_most_falls_silent() -> None:
-    """When most have said for T_lease that they hear no LEASE; the next reign waits for twice as long, and so on."""
+def a_manager_that_most_pes_refuse_falls_silent() -> None:
+    """It does when most PEs report for T_lease that they hear no LEASE; the next mastership waits for twice as long."""
     manager = ManagerUnderTest(standby=True).flies()
     for pe in manager.pes.values():
         pe.hears = False
@@ -374,18 +372,18 @@ def who_is_refused_by_most_falls_silent() -> None:
     for number, (first_ns, last_ns) in enumerate(zip(began, refused, strict=False)):
         wanted_ns = LEASE_NS << number
         lasted_ns = last_ns - first_ns
-        demand(wanted_ns <= lasted_ns <= wanted_ns + 2 * PERIOD_NS, f"reign {number} is refused for {lasted_ns} ns")
+        demand(wanted_ns <= lasted_ns <= wanted_ns + 2 * PERIOD_NS, f"term {number} is refused for {lasted_ns} ns")
     demand(len(refused) >= 3, f"it is refused {len(refused)} times in three seconds")
     manager = ManagerUnderTest(standby=True)
     for pe in manager.pes.values():
         pe.hears = False
     manager.run(400)
     lasted_ns = manager.told("refused")[0]["t_ns"] - manager.said(Lease)[0][0]
-    demand(lasted_ns <= LEASE_NS + 2 * PERIOD_NS, f"who was never heard speaks for {lasted_ns} ns")
+    demand(lasted_ns <= LEASE_NS + 2 * PERIOD_NS, f"a manager that was never heard sends for {lasted_ns} ns")
 
 
-def who_is_far_behind_leaps_once() -> None:
-    """PEs know of a term that is far higher: the third reign in a row leaps over 256 terms, and no other one does."""
+def a_manager_that_is_far_behind_skips_terms_once() -> None:
+    """PEs know of a term that is far higher: the third mastership in a row skips 256 terms, and no other one does."""
     manager = ManagerUnderTest(standby=True).flies()
     for known, leaps in ((200, 1), (1000, 0)):
         terms: list[int] = []
@@ -399,11 +397,11 @@ def who_is_far_behind_leaps_once() -> None:
         equal([step for step in steps if step != 2], [258] * leaps, f"steps between terms where {known} is known")
         demand(len(steps) >= 2, "it is refused less than twice")
         if leaps:
-            demand(terms[-1] > known, f"it does not reign in a term above {known}, but in {terms[-1]}")
+            demand(terms[-1] > known, f"it is not active in a term above {known}, but in {terms[-1]}")
 
 
 def of_two_managers_the_lower_term_gives_way() -> None:
-    """One that is heard at the start reigns; later the higher term; a double is whoever is heard first."""
+    """A manager that is heard at the start stays active; later the higher term; of two doubles the first one heard."""
     other = LAST_MANAGER
     for at_ms, said, by, ends in (
         (50, Lease(2, 0, Step.PREPARED, 0), other, True),
@@ -430,13 +428,16 @@ def of_two_managers_the_lower_term_gives_way() -> None:
     demand(bool(manager.said(Lease, began_ns)), "it gives way to what is no LEASE")
 
 
-def who_is_still_starting_gives_way_too() -> None:
-    """While it waits for a PE that has not been heard: before a higher term it ends, or stands by."""
+def a_starting_manager_gives_way_too() -> None:
+    """While it waits for a PE that has not been heard, a higher term makes it end, or stand by."""
     for standby in (False, True):
         manager = ManagerUnderTest(standby=standby)
         manager.pes["tail_b"].speaks = False
         manager.run(400)
-        demand(bool(manager.said(Lease)) and not manager.asked(), "it does not wait for who has not been heard")
+        demand(
+            bool(manager.said(Lease)) and not manager.plan_requests(),
+            "it does not wait for a PE that has not been heard",
+        )
         manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=LAST_MANAGER)
         manager.run(5)
         began_ns = manager.run(80)
@@ -445,7 +446,7 @@ def who_is_still_starting_gives_way_too() -> None:
 
 
 def other_frames_mean_nothing() -> None:
-    """States cut short, with 29 bits, or under a number that nobody has, change nobody's standing."""
+    """States cut short, with 29 bits, or under a number that no PE has, change no standing."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     last_ns = _silence(manager, "tail_b")
@@ -455,6 +456,6 @@ def other_frames_mean_nothing() -> None:
         manager.run(10)
     manager.run(60)
     (lost,) = manager.told("pe_lost", last_ns)
-    equal(lost["pe"], "tail_b", "who is lost")
+    equal(lost["pe"], "tail_b", "PEs that are lost")
     after_ns = lost["t_ns"] - last_ns
     demand(64 * MS < after_ns < 66 * MS, f"it is lost {after_ns / MS} ms after its last word")

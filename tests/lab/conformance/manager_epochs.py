@@ -1,4 +1,4 @@
-"""How a manager brings a configuration about: whom it asks, how often, and what it waits for (rule 4)."""
+"""How a manager deploys a configuration: what it asks the PEs, how often, and what it waits for (protocol rule 4)."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -23,9 +23,9 @@ from lab.conformance.player import MS, demand, equal
 
 
 def _asks_anew(manager: ManagerUnderTest, pe: str = "tail_a") -> int:
-    """Let a PE be lost, so that there is another epoch; gives when it was."""
+    """Let a PE be lost, so that there is another epoch; gives the moment."""
     manager.pes[pe].speaks = False
-    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - MS)), 100, "nobody is lost")
+    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - MS)), 100, "no PE is lost")
     return manager.now_ns
 
 
@@ -43,15 +43,15 @@ def every_pe_gets_its_slice() -> None:
         equal([body.index for body in bodies], list(range(1, len(bodies) + 1)), "their numbers")
         equal({body.epoch_low for body in bodies} | {head.epoch_low}, {prepare.epoch & 0xFF}, "their epoch")
     equal(prepare.term, manager.lease().term, "its term")
-    equal(len(manager.said(Prepare)), 1, "PREPAREs while nobody is late")
+    equal(len(manager.said(Prepare)), 1, "PREPAREs while no PE is late")
     equal([one["step"] for one in manager.told("epoch_step")], ["GO_ALL"], "steps of the first epoch")
     equal((manager.lease().epoch, manager.lease().digest), (prepare.epoch, prepare.digest), "what LEASE repeats")
     equal(manager.lease().step, Step.GO_ALL, "the step that LEASE repeats")
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, prepare.epoch)}, "what the PEs run")
 
 
-def who_runs_its_slice_already_gets_the_head_alone() -> None:
-    """In the new epoch; whoever has something new to do gets the body as well."""
+def a_pe_that_runs_its_slice_already_gets_the_head_alone() -> None:
+    """In the new epoch; a PE that has something new to do gets the body as well."""
     manager = ManagerUnderTest(example("n_version")).flies()
     runs = {pe.node: pe.runs for pe in manager.pes.values()}
     began_ns = manager.now_ns
@@ -60,33 +60,33 @@ def who_runs_its_slice_already_gets_the_head_alone() -> None:
     heads = {head.node: (head.digest, head.length) for _, head in manager.said(SliceHead, began_ns)}
     equal(heads.keys(), runs.keys(), "nodes with a head")
     changed = {node for node in runs if heads[node] != runs[node]}
-    demand(0 < len(changed) < len(runs), "the drill's slices all change, or none does")
+    demand(0 < len(changed) < len(runs), "all slices of this test change, or none does")
     equal({body.node for _, body in manager.said(SliceBody, began_ns)}, changed, "nodes with a body")
 
 
 def bodies_take_half_of_the_bus() -> None:
-    """At most: their identifier outranks all data."""
+    """They take half at most: their identifier outranks all data."""
     manager = ManagerUnderTest(example("elevator_and_chute")).flies()
     frames = manager.heard(-1, Command.SLICE)
-    demand(len(frames) > 8, "the slices of this drill are too short")
+    demand(len(frames) > 8, "the slices of this test are too short")
     bits = 135 * len(frames)
     took_ns = frames[-1].t_ns - frames[0].t_ns
     share = bits * 1_000_000_000 / took_ns / manager.main.bus.bitrate
     demand(0.44 < share < 0.62, f"slices take {share:.0%} of the bus")
 
 
-def who_does_not_stage_is_asked_again() -> None:
+def a_pe_that_does_not_stage_is_asked_again() -> None:
     """After a heartbeat period, then after 2, 4 and 8; with PREPARE for all; given up after 25 periods."""
     manager = ManagerUnderTest().flies()
     lazy = manager.pes["tail_b"]
     lazy.stages = False
     began_ns = _asks_anew(manager)
     manager.run(700)
-    asked = [(t_ns, one) for t_ns, one in manager.said(SliceHead, began_ns) if one.node == lazy.node]
-    epoch_low = asked[0][1].epoch_low
-    times = [t_ns for t_ns, one in asked if one.epoch_low == epoch_low]
+    heads = [(t_ns, one) for t_ns, one in manager.said(SliceHead, began_ns) if one.node == lazy.node]
+    epoch_low = heads[0][1].epoch_low
+    times = [t_ns for t_ns, one in heads if one.epoch_low == epoch_low]
     waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
-    equal(waits, [1, 2, 4, 8, 8], "periods between questions")
+    equal(waits, [1, 2, 4, 8, 8], "periods between two requests")
     lost = [one for one in manager.told("pe_lost", began_ns) if one["pe"] == "tail_b"]
     equal([one["cause"] for one in lost], ["it does not acknowledge"], "why it is given up")
     after_ns = lost[0]["t_ns"] - times[0]
@@ -99,8 +99,8 @@ def who_does_not_stage_is_asked_again() -> None:
     equal([t for t, a in manager.said(Activate, began_ns) if a.epoch & 0xFF == epoch_low], [], "ACTIVATEs")
 
 
-def what_is_for_everybody_is_not_said_for_each() -> None:
-    """However many are late, and at different times: PREPARE at most once in half a heartbeat period."""
+def what_is_for_all_pes_is_not_sent_for_each() -> None:
+    """However many PEs are late, and at different times: PREPARE goes out at most once in half a heartbeat period."""
     manager = ManagerUnderTest()
     for pe in manager.pes.values():
         pe.stages = False
@@ -115,22 +115,22 @@ def what_is_for_everybody_is_not_said_for_each() -> None:
     demand(min(apart) > PERIOD_NS // 2 - MS, f"PREPAREs are {[one / MS for one in apart]} ms apart")
 
 
-def who_does_not_take_a_step_is_asked_again() -> None:
-    """By ACTIVATE, at the same pace, and by LEASE every period; it is failed at last, and planned around."""
+def a_pe_that_does_not_take_a_step_is_asked_again() -> None:
+    """By ACTIVATE, at the same pace, and by LEASE every period; the PE is failed at last, and planned around."""
     manager = ManagerUnderTest()
     manager.pes["tail_b"].steps = False
     manager.run(450)
-    demand(not manager.told("reconfigured"), "somebody does not take the step, and it is done")
+    demand(not manager.told("reconfigured"), "a PE does not take the step, and the epoch is done")
     times = [t_ns for t_ns, _ in manager.said(Activate)]
     waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
     equal(waits, [1, 2, 4, 8], "periods between ACTIVATEs")
     manager.run(400)
-    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_b"], "who is failed")
-    demand(bool(manager.told("reconfigured")), "nothing runs without who was failed")
+    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_b"], "PEs that are failed")
+    demand(bool(manager.told("reconfigured")), "nothing runs without the PE that was failed")
 
 
-def who_misses_frames_gets_them_again() -> None:
-    """INCOMPLETE is answered with head and body at once."""
+def a_pe_that_misses_frames_gets_them_again() -> None:
+    """INCOMPLETE is answered with head and body immediately."""
     manager = ManagerUnderTest()
     late = manager.pes["flight"]
     late.stages = False
@@ -147,8 +147,8 @@ def who_misses_frames_gets_them_again() -> None:
     demand(bool(manager.told("reconfigured")), "after that it does not go on")
 
 
-def who_refuses_is_failed() -> None:
-    """For each reason that no repetition mends; and for no other."""
+def a_pe_that_refuses_is_failed() -> None:
+    """For each reason that no repetition removes; and for no other."""
     for reason, fails in (
         (Reason.DIGEST, True),
         (Reason.UNKNOWN_INDEX, True),
@@ -163,11 +163,11 @@ def who_refuses_is_failed() -> None:
         manager.run(250)
         lost = [(one["pe"], one["cause"]) for one in manager.told("pe_lost")]
         wanted = [("tail_b", f"it cannot stage its slice: {reason.name}")] if fails else []
-        equal(lost, wanted, f"who is failed when one says {reason.name}")
+        equal(lost, wanted, f"PEs that are failed when one reports {reason.name}")
 
 
 def an_answer_about_something_else_does_not_count() -> None:
-    """Page 1 of another epoch, or with another digest."""
+    """Page 1 of another epoch, or with another digest, does not count."""
     manager = ManagerUnderTest()
     late = manager.pes["tail_b"]
     late.stages = False
@@ -181,11 +181,11 @@ def an_answer_about_something_else_does_not_count() -> None:
     page = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, prepare.epoch, prepare.digest, Reason.STALE_TERM, 0)
     manager.main.say(Frame(state_id(late.node), page.encode()))
     manager.run(5)
-    demand(bool(manager.said(Activate)), "who has staged, and refuses another manager, has not staged")
+    demand(bool(manager.said(Activate)), "a PE that has staged, and refuses another manager, does not count as staged")
 
 
 def a_change_before_activate_gives_the_number_up() -> None:
-    """For ever; nothing is said of it any more, and the next one has a new number."""
+    """The number is given up for ever; nothing of it is sent any more, and the next epoch has a new number."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].stages = False
     began_ns = _asks_anew(manager)
@@ -202,7 +202,7 @@ def a_change_before_activate_gives_the_number_up() -> None:
 
 
 def what_is_driven_breaks_before_it_makes() -> None:
-    """BREAK where a healthy PE must let go: nobody goes before it has said BROKEN."""
+    """BREAK where a healthy PE must let go: no PE goes before that one has reported BROKEN."""
     manager = ManagerUnderTest().flies()
     driver, rival = manager.pes["tail_a"], manager.pes["tail_b"]
     driver.steps = False
@@ -213,7 +213,7 @@ def what_is_driven_breaks_before_it_makes() -> None:
     steps = {one.step for _, one in manager.said(Activate, began_ns)}
     equal(steps, {Step.BREAK}, "steps while the driver has not broken")
     equal(manager.lease().step, Step.BREAK, "step that LEASE repeats")
-    equal(manager.told("epoch_step", began_ns)[0]["waiting_for"], ["tail_a"], "who is waited for")
+    equal(manager.told("epoch_step", began_ns)[0]["waiting_for"], ["tail_a"], "PEs that are waited for")
     driver.steps = True
     manager.run(60)
     steps_in_order = [one["step"] for one in manager.told("epoch_step", began_ns)]
@@ -222,7 +222,7 @@ def what_is_driven_breaks_before_it_makes() -> None:
 
 
 def what_is_late_frees_nothing() -> None:
-    """A page 0 of the epoch before, handed on late by a gateway: who drives now still has to break."""
+    """A page 0 of the epoch before, forwarded late by a gateway: the PE that drives now still has to break."""
     for behind in (1, 8):
         manager = ManagerUnderTest().flies()
         driver = manager.pes["tail_b"]
@@ -242,7 +242,7 @@ def what_is_late_frees_nothing() -> None:
 
 
 def a_silent_driver_is_given_t_lease() -> None:
-    """From the first ALIVE that leaves it out on, which goes at once; all that need not wait goes before."""
+    """From the first ALIVE that leaves it out, which goes out immediately; all that need not wait goes before."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].holds = True
     began_ns = _asks_anew(manager, "tail_a")
@@ -257,8 +257,8 @@ def a_silent_driver_is_given_t_lease() -> None:
     demand(abs(waited_ns - LEASE_NS) < MS, f"GO_ALL comes {waited_ns / MS} ms after the first ALIVE without it")
 
 
-def who_a_mastership_has_never_heard_is_given_t_lease() -> None:
-    """From its first ALIVE on, which names the others: it may drive what another manager gave it, and hear that."""
+def a_pe_that_a_mastership_has_never_heard_is_given_t_lease() -> None:
+    """From its first ALIVE on, which names the others: the PE may drive what another manager gave it, and hear that."""
     manager = ManagerUnderTest()
     for pe in manager.pes.values():
         pe.epoch, pe.digest, pe.state = 16, 1, PeState.ACTIVE
@@ -267,31 +267,31 @@ def who_a_mastership_has_never_heard_is_given_t_lease() -> None:
     _goes_t_lease_after(manager, manager.said(Alive)[0][0])
 
 
-def who_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
-    """It says that it runs nothing, and may have taken the epoch up by LEASE since."""
+def a_pe_that_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
+    """It reports that it runs nothing, and may have taken the epoch up by LEASE since."""
     before = ManagerUnderTest().flies()
     manager = ManagerUnderTest(disk=before.disk)
-    manager.manager.planning = lambda _: None  # nothing comes between
+    manager.manager.planning = lambda _: None  # no plan comes between
     for name in ("flight", "tail_b"):
         manager.pes[name].goes_on_as(before.pes[name])
     manager.until(lambda: bool(manager.told("adopted")), 300, "what runs is not adopted")
     manager.run(25)
     manager.manager.planning = manager.plans
     manager.pes["tail_a"].speaks = False
-    manager.until(lambda: bool(manager.told("pe_lost")), 100, "nobody is lost")
+    manager.until(lambda: bool(manager.told("pe_lost")), 100, "no PE is lost")
     began_ns = manager.now_ns
     manager.run(400)
     _goes_t_lease_after(manager, manager.said(Alive, began_ns - MS)[0][0])
 
 
-def an_alive_that_waits_leaves_nobody_out() -> None:
-    """The manager is not heard when it leaves a driver out: T_lease counts from when that ALIVE is on the bus."""
+def an_alive_that_waits_leaves_no_pe_out() -> None:
+    """The manager cannot send when it leaves a driver out: T_lease counts from when that ALIVE is on the bus."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_a"].speaks = False
     manager.run_into_next_period(15)
     manager.manager.wire(transmit_failed=True)
     manager.run(60)
-    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_a"], "who is lost")
+    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_a"], "PEs that are lost")
     manager.manager.wire(transmit_failed=False)
     heard_ns = manager.run(500)
     node = manager.pes["tail_a"].node
@@ -300,7 +300,7 @@ def an_alive_that_waits_leaves_nobody_out() -> None:
 
 
 def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
-    """Those who are heard run the very plan that would be made, in an older epoch: the newer one may run elsewhere."""
+    """The PEs that are heard run the very plan, in an older epoch: the newer epoch may run on another PE."""
     before = ManagerUnderTest().flies()
     older = {name: (pe.epoch, pe.digest, pe.state, pe.runs) for name, pe in before.pes.items()}
     before.pes["tail_a"].speaks = False
@@ -317,8 +317,8 @@ def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
     _goes_t_lease_after(manager, manager.said(Alive)[0][0])
 
 
-def who_may_accept_another_mastership_yet_is_given_t_lease() -> None:
-    """It runs what is adopted, and has not said that it hears a LEASE since; or it runs what nobody here commanded."""
+def a_pe_that_may_still_accept_another_mastership_is_given_t_lease() -> None:
+    """It runs what is adopted, and has not reported a LEASE since; or it runs what this manager has not commanded."""
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     before = ManagerUnderTest().flies()
     for servo in servos:
@@ -335,7 +335,7 @@ def who_may_accept_another_mastership_yet_is_given_t_lease() -> None:
         silent.epoch += epoch
         manager.run(20)
         silent.speaks = False
-        manager.until(lambda m=manager: bool(m.told("pe_lost")), 100, "nobody is lost")  # type: ignore[misc]
+        manager.until(lambda m=manager: bool(m.told("pe_lost")), 100, "no PE is lost")  # type: ignore[misc]
         left_out_ns = manager.told("pe_lost")[0]["t_ns"]
         for servo in servos:
             manager.accept(ClearElement(servo))
@@ -348,16 +348,16 @@ def who_may_accept_another_mastership_yet_is_given_t_lease() -> None:
 
 
 def _goes_t_lease_after(manager: ManagerUnderTest, alive_ns: int) -> None:
-    """See that somebody drives the DEMUX again, and not before T_lease after an ALIVE."""
+    """Demand that a PE drives the DEMUX again, and not before T_lease after an ALIVE."""
     epoch = manager.lease().epoch
     gone = [t_ns for t_ns, one in manager.said(Activate) if (one.epoch, one.step) == (epoch, Step.GO_ALL)]
-    demand(bool(gone), "nobody drives the DEMUX again")
+    demand(bool(gone), "no PE drives the DEMUX again")
     waited_ns = gone[0] - alive_ns
     demand(waited_ns > LEASE_NS - MS, f"GO_ALL comes {waited_ns / MS} ms after the ALIVE from which T_lease counts")
 
 
-def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
-    """A page 0 that was on its way at ACTIVATE is the last that is heard: T_lease for what it may take up now."""
+def a_pe_that_repeats_what_it_ran_before_may_drive_what_comes() -> None:
+    """A page 0 that was on its way at ACTIVATE is the last one heard: T_lease for what the PE may take up now."""
     manager = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for servo in servos:
@@ -376,8 +376,8 @@ def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
     _goes_t_lease_after(manager, [t_ns for t_ns, one in manager.said(Alive) if driver.node in one.nodes][-1])
 
 
-def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
-    """Before anybody sends under the identifiers of its modules: it goes on until it hears an ALIVE without it."""
+def a_pe_that_sends_and_is_given_up_is_given_t_lease_too() -> None:
+    """Before another PE sends under the identifiers of its modules: it goes on until it hears an ALIVE without it."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in ("left", "right") if manager.pes[pe].runs[1] > 0)
     manager.pes[host].steps = False
@@ -391,7 +391,7 @@ def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
 
 
 def a_jump_of_the_clock_frees_nothing() -> None:
-    """Who counts as lost at once, since the manager's clock has jumped, sends for as long as if it had not."""
+    """A PE that counts as lost because the manager's clock has jumped sends for as long as if it had not."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
     silent_since_ns = manager.run_into_next_period(0)
@@ -402,31 +402,31 @@ def a_jump_of_the_clock_frees_nothing() -> None:
     manager.run(1)
     manager.manager.jump(5 * PERIOD_NS // 2)
     began_ns = manager.run(5)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "who is lost at once")
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "PEs that are lost immediately")
     manager.run(400)
     steps = [(t_ns - silent_since_ns, one.step) for t_ns, one in manager.said(Activate, began_ns)]
     equal([step for _, step in steps], [Step.BREAK, Step.GO_ALL], "steps")
-    demand(steps[-1][0] >= PERIOD_NS * 13 // 4, f"others go {steps[-1][0] / MS} ms after its last word")
+    demand(steps[-1][0] >= PERIOD_NS * 13 // 4, f"others go {steps[-1][0] / MS} ms after its last state")
 
 
-def who_runs_nothing_any_more_is_not_waited_for() -> None:
-    """A PE that says so has let go of all that it had, although it is the same incarnation."""
+def a_pe_that_runs_nothing_any_more_is_not_waited_for() -> None:
+    """A PE that reports so has let go of all that it had, although it is the same incarnation."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
     host.state, host.epoch, host.digest, host.steps = PeState.UNCONFIGURED, NO_EPOCH, 0, False
     began_ns = manager.run(400)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "who is lost")
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "PEs that are lost")
     equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO_ALL"], "steps")
 
 
-def a_silent_stranger_may_drive_whatever_it_could() -> None:
-    """Who was counted on with what another manager gave it, and falls silent before the first epoch: T_lease."""
+def a_silent_stranger_may_drive_anything_that_could_be_placed_there() -> None:
+    """A PE was available with what another manager gave it, and falls silent before the first epoch: T_lease."""
     manager = ManagerUnderTest()
     stranger = manager.pes["tail_a"]
     stranger.state, stranger.epoch, stranger.digest = PeState.ACTIVE, 40, 0x99
     manager.manager.planning = lambda _: None
     manager.run(200)
-    demand(stranger.name in manager.has_available(), "a stranger is not counted on")
+    demand(stranger.name in manager.has_available(), "a stranger is not available")
     manager.manager.planning = manager.plans
     began_ns = _asks_anew(manager, stranger.name)
     manager.pes["tail_b"].holds = True
@@ -434,23 +434,23 @@ def a_silent_stranger_may_drive_whatever_it_could() -> None:
     equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO", "GO_ALL"], "steps")
 
 
-def who_has_let_go_is_not_waited_for() -> None:
-    """A PE that drove once, and has said that it runs something else since, holds nothing when it falls silent."""
+def a_pe_that_has_let_go_is_not_waited_for() -> None:
+    """A PE that drove once, and has reported since that it runs something else, holds nothing when it falls silent."""
     manager = ManagerUnderTest().flies()
     manager.accept(FailElement("device:elevator_servo_1"))
     manager.run(300)
     manager.pes["tail_a"].speaks = False
-    manager.until(lambda: "tail_a" not in manager.has_available(), 100, "nobody is lost")
+    manager.until(lambda: "tail_a" not in manager.has_available(), 100, "no PE is lost")
     began_ns = manager.now_ns
     manager.pes["flight"].reboot()
     manager.pes["flight"].beat()
     manager.run(400)
     steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
-    demand(bool(steps) and "GO" not in steps, f"steps after who has let go was lost: {steps}")
+    demand(bool(steps) and "GO" not in steps, f"steps after a PE that has let go was lost: {steps}")
 
 
-def who_comes_late_to_what_runs_is_admitted() -> None:
-    """Where it has nothing to do: PREPARE and its slice in the same epoch, and LEASE; the others are left alone."""
+def a_pe_that_comes_late_to_what_runs_is_admitted() -> None:
+    """Where it has nothing to do: PREPARE and its slice in the same epoch, and LEASE; the others are not disturbed."""
     manager = ManagerUnderTest().flies()
     began_ns = _asks_anew(manager, "tail_b")  # which has nothing to do
     manager.run(300)
@@ -461,14 +461,14 @@ def who_comes_late_to_what_runs_is_admitted() -> None:
     began_ns = manager.now_ns
     manager.run(500)
     equal(manager.lease().epoch, epoch, "the epoch")
-    equal((late.state, late.epoch), (PeState.ACTIVE, epoch), "what the late one runs")
-    equal({one.node for _, one in manager.said(SliceHead, began_ns)}, {late.node}, "who gets a slice")
+    equal((late.state, late.epoch), (PeState.ACTIVE, epoch), "what the late PE runs")
+    equal({one.node for _, one in manager.said(SliceHead, began_ns)}, {late.node}, "nodes that get a slice")
     equal(manager.said(Activate, began_ns), [], "ACTIVATEs")
     equal(len(manager.told("plan_unchanged", began_ns)), 1, "plans that change nothing")
 
 
-def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
-    """What runs is the plan again, but who comes late would not go back to it."""
+def a_pe_that_has_staged_what_was_given_up_gets_a_newer_epoch() -> None:
+    """What runs is the plan again, but the PE that comes late would not go back to it."""
     manager = ManagerUnderTest().flies()
     _asks_anew(manager, "tail_b")
     manager.run(300)
@@ -476,7 +476,7 @@ def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
     late.reboot()
     late.speaks, slow.stages = True, False
     manager.accept(FailElement("device:elevator_servo_1"))
-    manager.until(lambda: "tail_b" in manager.has_available(), 300, "who is back is not counted on")
+    manager.until(lambda: "tail_b" in manager.has_available(), 300, "a PE that is back is not available")
     manager.run(20)
     given_up = manager.said(Prepare)[-1][1].epoch
     slow.stages = True
@@ -486,11 +486,11 @@ def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, given_up + 1)}, "what the PEs run")
 
 
-def who_runs_what_nobody_commanded_is_failed() -> None:
-    """Another epoch, another digest, or nothing at all any more."""
+def a_pe_that_runs_what_no_manager_commanded_is_failed() -> None:
+    """Another epoch, another digest, or nothing any more."""
     for change, cause in (
-        ({"epoch": 999}, "which nobody commanded"),
-        ({"digest": 0x99}, "which nobody commanded"),
+        ({"epoch": 999}, "which no manager commanded"),
+        ({"digest": 0x99}, "which no manager commanded"),
         ({"state": PeState.UNCONFIGURED, "epoch": 0, "digest": 0}, "it runs nothing although it was configured"),
     ):
         manager = ManagerUnderTest().flies()
@@ -501,11 +501,11 @@ def who_runs_what_nobody_commanded_is_failed() -> None:
         began_ns = manager.run(45)
         lost = manager.told("pe_lost", began_ns)
         demand(bool(lost) and lost[0]["pe"] == "tail_b" and cause in lost[0]["cause"], f"after {change}: {lost}")
-        demand("pe:tail_b" in manager.asked()[-1].now.down, "it is not planned around")
+        demand("pe:tail_b" in manager.plan_requests()[-1].now.down, "it is not planned around")
 
 
-def it_adopts_what_runs() -> None:
-    """A manager that starts in flight, and plans what runs already, opens no epoch: it repeats the one there is."""
+def a_manager_adopts_what_runs() -> None:
+    """A manager that starts in flight, and plans what runs already, opens no epoch: it repeats the one that runs."""
     first = ManagerUnderTest().flies()
     lease = first.lease()
     manager = ManagerUnderTest()
@@ -518,8 +518,8 @@ def it_adopts_what_runs() -> None:
     equal(manager.lease().step, Step.GO_ALL, "its step")
 
 
-def what_is_adopted_is_newest_even_if_who_ran_it_is_gone() -> None:
-    """Whoever comes next gets a newer epoch, wherever this manager's own numbers begin."""
+def what_is_adopted_is_newest_even_if_the_pes_that_ran_it_are_gone() -> None:
+    """The next PE gets a newer epoch, wherever this manager's own numbers begin."""
     first = ManagerUnderTest()
     manager = ManagerUnderTest()
     for one in (first, manager):
@@ -537,8 +537,8 @@ def what_is_adopted_is_newest_even_if_who_ran_it_is_gone() -> None:
     demand(bool(epochs) and min(epochs) > 40, f"epochs after 40 was adopted: {epochs}")
 
 
-def it_adopts_nothing_that_is_not_clean() -> None:
-    """One PE with another digest, in another epoch, or not ACTIVE: a new epoch, newer than all that is run."""
+def a_manager_adopts_nothing_that_is_not_clean() -> None:
+    """One PE with another digest, in another epoch, or not ACTIVE: a new epoch, newer than all that run."""
     first = ManagerUnderTest().flies()
     for change in ({"digest": 0x99}, {"epoch": 4000}, {"state": PeState.BROKEN}):
         manager = ManagerUnderTest()
@@ -552,26 +552,26 @@ def it_adopts_nothing_that_is_not_clean() -> None:
         demand(bool(epochs) and min(epochs) > max(first.lease().epoch, change.get("epoch", 0)), f"epochs {epochs}")
 
 
-def a_foreseen_fault_is_called_by_its_number() -> None:
-    """Where a PE holds the contingency PREPARE is all; one that says NOT_ON_BOARD gets its slice in the same epoch."""
+def a_pre_planned_fault_is_called_by_its_number() -> None:
+    """Where a PE holds the contingency, PREPARE is all; one that reports NOT_ON_BOARD gets its slice in this epoch."""
     manager = ManagerUnderTest(contingencies=1).flies()
     stubborn = manager.pes["flight"]
     stubborn.stages = False
     began_ns = _asks_anew(manager)
     manager.until(lambda: bool(manager.said(Prepare, began_ns)), 50, "no PREPARE comes")
     prepare = manager.said(Prepare, began_ns)[-1][1]
-    demand(prepare.contingency > 0, "a foreseen fault is not called by its number")
-    equal(manager.said(SliceHead, began_ns), [], "heads while nobody says that it has nothing on board")
+    demand(prepare.contingency > 0, "a pre-planned fault is not called by its number")
+    equal(manager.said(SliceHead, began_ns), [], "heads while no PE reports that it does not hold the contingency")
     stubborn.answer(Reason.NOT_ON_BOARD)
     stubborn.answer(Reason.NOT_ON_BOARD)
     manager.run(8)
     heads = [one for _, one in manager.said(SliceHead, began_ns)]
-    equal([head.node for head in heads], [stubborn.node], "who gets a head")
+    equal([head.node for head in heads], [stubborn.node], "nodes that get a head")
     equal(heads[0].epoch_low, prepare.epoch & 0xFF, "its epoch")
 
 
 def epochs_of_a_term_begin_with_its_block() -> None:
-    """Sixteen in a block, every second block; never one twice."""
+    """Sixteen in a block, every second block; never a number twice."""
     manager = ManagerUnderTest().flies()
     epochs = [manager.lease().epoch]
     for _ in range(18):
@@ -583,5 +583,5 @@ def epochs_of_a_term_begin_with_its_block() -> None:
         epochs += [one.epoch for _, one in manager.said(Prepare, began_ns)]
     numbers = sorted(set(epochs))
     equal(numbers[:16], list(range(1, 17)), "the first epochs")
-    demand(len(numbers) > 16, "the drill is too short")
+    demand(len(numbers) > 16, "the test is too short")
     equal(numbers[16], 33, "the epoch after the first block of term 1")

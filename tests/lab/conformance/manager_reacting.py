@@ -1,4 +1,4 @@
-"""What a manager does with what it is told: faults, phases, radios, orders, and a planner that fails (rules 7 to 9)."""
+"""What a manager does with faults, phases, radios, orders, and a planner that fails (protocol rules 7 to 9)."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -46,16 +46,16 @@ def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> l
 
 
 def a_fault_is_latched_and_acknowledged() -> None:
-    """Each time it is told; planned around once, until the operator clears it, which is told to everybody."""
+    """Acknowledged with each report; planned around once, until the operator clears it, which is sent to all PEs."""
     manager = ManagerUnderTest().flies()
-    node, asked = manager.pes["tail_a"].node, len(manager.asked())
+    node, before = manager.pes["tail_a"].node, len(manager.plan_requests())
     for _ in range(3):
         began_ns = manager.now_ns
         manager.emergency("tail_a", _DEVICE, 1, 7)
         manager.run(3)
         acknowledgement = (node, Operation.ACKNOWLEDGE, _DEVICE, 1)
         equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [acknowledgement], "acknowledgements")
-    equal([one.now.down for one in manager.asked(asked)], [{"device:elevator_servo_1"}], "plans asked for")
+    equal([one.now.down for one in manager.plan_requests(before)], [{"device:elevator_servo_1"}], "plans requested")
     fault = manager.told("fault_reported")
     equal([(f["element"], f["by"], f["detail"]) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
     manager.run(300)
@@ -64,13 +64,13 @@ def a_fault_is_latched_and_acknowledged() -> None:
     demand(reply.done and "plan" in reply.sentence, reply.sentence)
     manager.run(3)
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _DEVICE, 1)], "CLEARs")
-    equal(manager.asked()[-1].now.down, frozenset(), "down after it was cleared")
+    equal(manager.plan_requests()[-1].now.down, frozenset(), "down after it was cleared")
     reply = manager.accept(ClearElement("device:elevator_servo_1"))
     demand(not reply.done, "what is well is cleared")
 
 
-def its_own_bus_is_not_planned_without() -> None:
-    """Whoever says that it has failed was heard there; a plan without it would stop everything."""
+def no_plan_is_made_without_the_managers_own_bus() -> None:
+    """A report that it has failed was heard there; a plan without it would stop everything."""
     manager = ManagerUnderTest().flies()
     lease = manager.lease()
     own = f"bus:{manager.spec.manager.bus}"
@@ -79,15 +79,15 @@ def its_own_bus_is_not_planned_without() -> None:
     manager.emergency("tail_a", ElementKind.BUS, list(manager.spec.buses).index(manager.spec.manager.bus))
     manager.run(300)
     told = _told(manager, began_ns, Operation.ACKNOWLEDGE)
-    equal(len(told), 1, "acknowledgements of a bus that is said to have failed")
-    demand(all(own not in one.now.down for one in manager.asked()), "it plans without its own bus")
-    equal(manager.lease(), lease, "what runs, after somebody has said that the bus has failed")
+    equal(len(told), 1, "acknowledgements of a bus that is reported failed")
+    demand(all(own not in one.now.down for one in manager.plan_requests()), "it plans without its own bus")
+    equal(manager.lease(), lease, "what runs, after a report that the bus has failed")
 
 
 def what_is_no_fault_is_not_latched() -> None:
-    """RESET, a restart that is told, an element that there is not, and bytes that mean nothing."""
+    """RESET, a restart of a module, an element that the spec does not have, and bytes without a meaning."""
     manager = ManagerUnderTest().flies()
-    asked = len(manager.asked())
+    before = len(manager.plan_requests())
     for code, kind, index, acknowledged in (
         (FaultCode.RESET, _DEVICE, 1, 0),
         (FaultCode.MODULE_RESTARTED, _MODULE, 1, 1),
@@ -104,9 +104,9 @@ def what_is_no_fault_is_not_latched() -> None:
     manager.main.say(Frame(emcy_id(93), b"\x03\xff\x81\x01"), Frame(emcy_id(93), b"\x77\x77\x81\x01\0\1\0\0"))
     manager.run(5)
     equal(manager.told("fault_reported"), [], "latched")
-    equal(len(manager.asked()), asked, "plans asked for")
+    equal(len(manager.plan_requests()), before, "plans requested")
     equal(len(manager.told("module_restarted")), 1, "restarts told")
-    for gap_ms, told in ((30, 1), (90, 1), (150, 2)):  # repeated until it is acknowledged; after T_lease it is another
+    for gap_ms, told in ((30, 1), (90, 1), (150, 2)):  # within T_lease: the same EMCY
         manager.run(gap_ms - 5)
         manager.emergency("tail_a", _MODULE, 1, 1, FaultCode.MODULE_RESTARTED)
         manager.run(5)
@@ -114,29 +114,29 @@ def what_is_no_fault_is_not_latched() -> None:
 
 
 def a_pe_that_was_failed_stays_out() -> None:
-    """However well it speaks; cleared, it joins after the shortest hold-down."""
+    """It stays out whatever it sends; cleared, it joins after the shortest hold-down."""
     manager = ManagerUnderTest().flies()
     demand(manager.accept(FailElement("pe:tail_b")).done, "a PE cannot be failed")
     again = manager.accept(FailElement("pe:tail_b"))
     demand(again.done and "already" in again.sentence, "a PE can be failed twice")
     manager.run(1000)
-    demand("tail_b" not in manager.has_available(), "who was failed is counted on")
+    demand("tail_b" not in manager.has_available(), "a failed PE is available")
     began_ns = manager.now_ns
     reply = manager.accept(ClearElement("pe:tail_b"))
     demand(reply.done and "hold-down" in reply.sentence, f"a PE cannot be cleared: {reply.sentence}")
     manager.run(150)
-    demand("tail_b" not in manager.has_available(), "who was cleared is back at once")
+    demand("tail_b" not in manager.has_available(), "a cleared PE is back immediately")
     manager.run(120)
-    demand("tail_b" in manager.has_available(), "who was cleared is not back")
+    demand("tail_b" in manager.has_available(), "a cleared PE is not back")
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, ElementKind.PE, 2)], "CLEARs")
 
 
 def orders_that_name_nothing_are_refused() -> None:
-    """With a sentence; nothing is planned for them."""
+    """They are refused with a sentence; no plan is made for them."""
     manager = ManagerUnderTest().flies()
-    asked = len(manager.asked())
+    before = len(manager.plan_requests())
     for order in (
-        FailElement("pe:nobody"),
+        FailElement("pe:unknown"),
         FailElement("nonsense"),
         ClearElement("device:nothing"),
         ClearElement("pe:flight"),
@@ -145,17 +145,17 @@ def orders_that_name_nothing_are_refused() -> None:
         UnlockPe("device:elevator_servo_1"),
     ):
         reply = manager.accept(order)
-        demand(not reply.done and len(reply.sentence) > 10, f"{order} is obeyed: {reply.sentence}")
-    equal(len(manager.asked()), asked, "plans asked for")
+        demand(not reply.done and len(reply.sentence) > 10, f"{order} is executed: {reply.sentence}")
+    equal(len(manager.plan_requests()), before, "plans requested")
     status = manager.accept(AskStatus()).status
     demand(status is not None and status["manager"]["term"] == 1, "the status does not name the term")
     early = ManagerUnderTest()
     early.run(20)
-    demand(not early.accept(FailElement("pe:tail_b")).done, "an order is obeyed while it still listens")
+    demand(not early.accept(FailElement("pe:tail_b")).done, "an order is executed while it still listens")
 
 
 def what_stopped_by_itself_is_started_by_another_epoch() -> None:
-    """A module that its PE has stopped: when it is cleared before anybody planned without it, an epoch follows."""
+    """A module that its PE has stopped: when it is cleared before a plan without it was made, an epoch follows."""
     manager = ManagerUnderTest(example("n_version")).flies()
     names = list(manager.spec.modules)
     index = names.index("gyro_attitude")
@@ -169,8 +169,8 @@ def what_stopped_by_itself_is_started_by_another_epoch() -> None:
     demand(manager.lease().epoch != epoch, "a module that its PE has stopped is left so")
 
 
-def a_phase_is_entered_by_whoever_may() -> None:
-    """A request is acknowledged each time and obeyed once, in its order; one that only leads on does not lead back."""
+def pes_and_the_operator_change_the_phase() -> None:
+    """A request is acknowledged each time and executed once, in order; one that only leads on does not lead back."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     pe = next(iter(manager.pes))
@@ -196,13 +196,13 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(ask(other, 0, 4), [phases[0]], "after the first request of another PE")
     equal(ask(pe, 1, FORWARD_ONLY | 5), [phases[1]], "after one that leads on")
     equal(ask(pe, 0, 2), [], "after one that was made before that")
-    equal(ask(pe, 1, 5), [], "after the same one, asked for in another way")
+    equal(ask(pe, 1, 5), [], "after the same one, requested in another way")
     equal(ask(pe, len(phases), 6), [], "after a request for a phase that there is not")
-    equal(manager.asked()[-1].now.phase, phases[1], "phase that is planned for")
+    equal(manager.plan_requests()[-1].now.phase, phases[1], "phase that is planned for")
     reply = manager.accept(EnterPhase(phases[1]))
     demand(reply.done and "already" in reply.sentence, "the present phase is entered")
     demand(manager.accept(EnterPhase(phases[0])).done, "the operator cannot enter a phase")
-    equal(manager.asked()[-1].now.phase, phases[0], "phase that is planned for")
+    equal(manager.plan_requests()[-1].now.phase, phases[0], "phase that is planned for")
     manager.run(400)
     manager.pes[pe].reboot()
     manager.pes[pe].beat()
@@ -210,14 +210,14 @@ def a_phase_is_entered_by_whoever_may() -> None:
     began_ns = manager.now_ns
     manager.emergency(pe, _PHASE, 1, 1, FaultCode.PHASE_REQUEST)
     manager.run(5)
-    equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [], "acknowledgements to who is not counted on")
+    equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [], "acknowledgements to an unavailable PE")
     manager.run(400)
     equal(ask(pe, 1, FORWARD_ONLY | 1), [phases[1]], "after a restarted PE begins to count anew")
     equal(node, manager.pes[pe].node, "node")
 
 
-def who_has_not_told_its_incarnation_is_not_answered() -> None:
-    """A request is counted in an incarnation: one that comes between a first page 1 and page 0 is repeated."""
+def a_pe_of_unknown_incarnation_is_not_answered() -> None:
+    """A request is counted in an incarnation: the PE repeats one that comes between a first page 1 and page 0."""
     manager = ManagerUnderTest(example("phases"))
     pe = manager.pes["flight"]
     pe.speaks = False
@@ -233,8 +233,8 @@ def who_has_not_told_its_incarnation_is_not_answered() -> None:
     equal([one["phase"] for one in manager.told("phase_changed")], [list(manager.spec.phases)[1]], "phases entered")
 
 
-def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> None:
-    """Who stands by has heard CLEAR; the other facts that it holds wait."""
+def what_is_cleared_and_fails_again_within_a_beat_is_announced_with_the_next() -> None:
+    """A standby manager has heard CLEAR; the other facts that the manager holds wait."""
     manager = ManagerUnderTest().flies()
     servo = "device:elevator_servo_1"
     for element in (servo, "device:elevator_servo_2", "device:horizon_sensor", "module:servo_driver_2"):
@@ -246,32 +246,32 @@ def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> Non
         return [t_ns for t_ns, one in said if (one.a, one.b) == (_DEVICE, 1)]
 
     told_ns = manager.now_ns
-    manager.until(lambda: bool(held(told_ns)), 3000, "it is not told in turn")
+    manager.until(lambda: bool(held(told_ns)), 3000, "it is not announced in turn")
     manager.run_into_next_period(12)
     began_ns = manager.now_ns
     manager.accept(ClearElement(servo))
     manager.accept(FailElement(servo))
     manager.run(25)
-    equal(len(held(began_ns)), 1, "how often it is told within a beat")
+    equal(len(held(began_ns)), 1, "how often it is announced within a beat")
 
 
-def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
-    """Each time, also when it comes back within one beat to what it was, or was the same before."""
+def a_requested_phase_is_announced_before_the_answer() -> None:
+    """Each time, also when the phase comes back within one beat to what it was, or was the same before."""
     manager = ManagerUnderTest(example("phases")).flies()
     manager.run_into_next_period(15)
     began_ns, pe = manager.now_ns, next(iter(manager.pes))
-    asked = ((1, 1), (0, 2), (1, 3), (1, 4))
-    for index, number in asked:
+    requests = ((1, 1), (0, 2), (1, 3), (1, 4))
+    for index, number in requests:
         manager.emergency(pe, _PHASE, index, number, FaultCode.PHASE_REQUEST)
     manager.run(4)
     said = [(one.operation, one.b) for _, one in manager.said(Control, began_ns) if one.a == _PHASE]
-    pairs = (((Operation.HOLDS, phase), (Operation.ACKNOWLEDGE, number)) for phase, number in asked)
+    pairs = (((Operation.HOLDS, phase), (Operation.ACKNOWLEDGE, number)) for phase, number in requests)
     wanted = [one for pair in pairs for one in pair]
-    equal(said, wanted, "what is said of phases within a beat")
+    equal(said, wanted, "what is announced of phases within a beat")
 
 
-def which_requests_it_has_accepted_it_tells_again_with_the_phase() -> None:
-    """For who has missed the answer; of an incarnation that is gone it tells none."""
+def executed_requests_are_announced_again_with_the_phase() -> None:
+    """For a standby manager that has missed the answer; a request of an incarnation that is gone is not announced."""
     manager = ManagerUnderTest(example("phases")).flies()
     pe = manager.pes["flight"]
     manager.emergency(pe.name, _PHASE, 1, 5, FaultCode.PHASE_REQUEST)
@@ -280,13 +280,13 @@ def which_requests_it_has_accepted_it_tells_again_with_the_phase() -> None:
         began_ns = manager.run(500)
         said = [(one.node, one.operation, one.b) for one in manager.acknowledged(began_ns) if one.a == _PHASE]
         held, accepted = (0, Operation.HOLDS, 1), (pe.node, Operation.ACKNOWLEDGE, 5)
-        equal(said[:4], [held, accepted] * 2 if is_told else [held] * 4, "what is told in turn")
+        equal(said[:4], [held, accepted] * 2 if is_told else [held] * 4, "what is announced in turn")
         pe.reboot()
         manager.run(500)
 
 
-def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_in_background() -> None:
-    """It was planned before the operator cleared an element: the reign that knew of that has ended since."""
+def a_critical_function_that_adoption_leaves_unserved_is_planned_immediately() -> None:
+    """The plan is from before the operator cleared an element; the mastership that knew of that has ended since."""
     before = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for is_cleared in (False, True):
@@ -298,12 +298,12 @@ def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_in_background
         manager.pes[name].goes_on_as(ran)
     manager.run(500)
     equal(len(manager.told("adopted")), 1, "epochs that are adopted")
-    demand(not manager.asked()[0].in_background, "what is critical, and wanted, is asked for at leisure")
+    demand(not manager.plan_requests()[0].in_background, "what is critical, and wanted, is planned in the background")
     equal(len(manager.told("reconfigured")), 1, "reconfigurations")
 
 
-def it_tells_what_it_holds() -> None:
-    """What is new with the next beat, then one fact with every fifth: phase and latched faults, in turn."""
+def a_manager_announces_what_it_holds() -> None:
+    """A new fact with the next beat, then one with every fifth: phase and latched faults, in turn."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     began_ns = manager.now_ns
@@ -314,38 +314,38 @@ def it_tells_what_it_holds() -> None:
     manager.accept(EnterPhase(phases[1]))
     began_ns = manager.run(25)
     held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
-    equal([(one.a, one.b) for _, one in held], [(_PHASE, 1)], "what is new")
+    equal([(one.a, one.b) for _, one in held], [(_PHASE, 1)], "what is announced anew")
     manager.emergency(next(iter(manager.pes)), _DEVICE, 0, 1)
     manager.run(25)
     began_ns = manager.run(1000)
     held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
     facts = [(one.a, one.b) for _, one in held]
     equal(set(facts), {(_PHASE, 1), (_DEVICE, 0)}, "what it holds")
-    demand(all(a != b for a, b in pairwise(facts)), f"facts are not told in turn: {facts}")
+    demand(all(a != b for a, b in pairwise(facts)), f"facts are not announced in turn: {facts}")
 
 
-def a_planner_that_fails_is_asked_again() -> None:
+def a_request_that_fails_is_made_again() -> None:
     """After a second, or when the situation changes before that; an answer that comes twice, or late, is dropped."""
     manager = ManagerUnderTest()
     manager.manager.planning = manager.fails
     manager.run_until(1000 * MS)
-    equal(len(manager.asked()), 1, "questions within a second")
+    equal(len(manager.plan_requests()), 1, "requests within a second")
     manager.run_until(1200 * MS)
-    equal(len(manager.asked()), 2, "questions after a second")
-    equal(len(manager.told("plan_failed")), 2, "failures told")
+    equal(len(manager.plan_requests()), 2, "requests after a second")
+    equal(len(manager.told("plan_failed")), 2, "failures reported")
     manager.accept(FailElement("device:elevator_servo_2"))
     manager.run(5)
-    equal(len(manager.asked()), 3, "questions after a change")
-    equal(manager.asked()[-1].now.down, {"device:elevator_servo_2"}, "down")
-    manager.manager.planning = lambda _: None  # it does not answer at all
+    equal(len(manager.plan_requests()), 3, "requests after a change")
+    equal(manager.plan_requests()[-1].now.down, {"device:elevator_servo_2"}, "down")
+    manager.manager.planning = lambda _: None  # the planner does not answer at all
     manager.run(1000)
-    equal(len(manager.asked()), 4, "questions after another second")
-    old, new = manager.asked()[-2], manager.asked()[-1]
+    equal(len(manager.plan_requests()), 4, "requests after another second")
+    old, new = manager.plan_requests()[-2], manager.plan_requests()[-1]
     right = manager.plans(new)
     assert isinstance(right, PlanReady)
     manager.manager.tell(PlanReady(old.request, right.plan))
     manager.run(5)
-    equal(manager.said(Prepare), [], "PREPAREs after an answer to an older question")
+    equal(manager.said(Prepare), [], "PREPAREs after an answer to an older request")
     manager.manager.tell(right)
     manager.manager.tell(right)
     manager.run(200)
@@ -353,56 +353,58 @@ def a_planner_that_fails_is_asked_again() -> None:
     demand(bool(manager.told("reconfigured")), "the answer is not carried out")
 
 
-def what_was_planned_at_once_is_bettered_in_background() -> None:
-    """Asked once for each situation, when it runs; taken only if it is better at levels 1 to 3."""
+def an_immediate_plan_is_improved_in_the_background() -> None:
+    """Requested once for each situation, when it runs; taken only if it is better at levels 1 to 3."""
     manager = ManagerUnderTest(example("n_version"))
     best = manager.plans
 
-    def immediate(asked: RequestPlan) -> PlanReady:
-        if asked.in_background:
-            answer = best(asked)
+    def immediate(request: RequestPlan) -> PlanReady:
+        if request.in_background:
+            answer = best(request)
         else:
-            poor = replace(asked.now, down=asked.now.down | {"module:gyro_attitude"})
-            answer = PlanReady(asked.request, _unproven(best_plan(manager.spec, poor, asked.running)))
+            poor = replace(request.now, down=request.now.down | {"module:gyro_attitude"})
+            answer = PlanReady(request.request, _unproven(best_plan(manager.spec, poor, request.running)))
         assert isinstance(answer, PlanReady)
         return answer
 
     manager.manager.planning = immediate
     manager.run(900)
-    equal([one.in_background for one in manager.asked()], [False, True], "questions")
+    equal([one.in_background for one in manager.plan_requests()], [False, True], "requests")
     equal(len(manager.told("reconfigured")), 2, "reconfigurations")
     keeping = ManagerUnderTest()
 
-    def the_same(asked: RequestPlan) -> PlanReady:
-        answer = ManagerUnderTest.plans(keeping, asked)
+    def the_same(request: RequestPlan) -> PlanReady:
+        answer = ManagerUnderTest.plans(keeping, request)
         assert isinstance(answer, PlanReady)
-        return answer if asked.in_background else PlanReady(asked.request, _unproven(answer.plan))
+        return answer if request.in_background else PlanReady(request.request, _unproven(answer.plan))
 
     keeping.manager.planning = the_same
     keeping.run(900)
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
-    equal([one.in_background for one in keeping.asked()], [False, True], "questions")
+    equal([one.in_background for one in keeping.plan_requests()], [False, True], "requests")
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
     equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
     equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
     moving = ManagerUnderTest()
 
-    def elsewhere(asked: RequestPlan) -> PlanReady:
-        """At leisure as good a plan at levels 1 to 3, that moves the branch."""
-        if not asked.in_background:
-            return the_same(asked)
+    def elsewhere(request: RequestPlan) -> PlanReady:
+        """In the background, give a plan as good at levels 1 to 3 that moves the branch."""
+        if not request.in_background:
+            return the_same(request)
         other = Situation(frozenset(("device:elevator_servo_1",)))
-        return PlanReady(asked.request, best_plan(moving.spec, other, None))
+        return PlanReady(request.request, best_plan(moving.spec, other, None))
 
     moving.manager.planning = elsewhere
     moving.run(900)
     equal(len(moving.told("plan_kept")), 1, "plans that are no better, and move a branch")
     equal(len(moving.told("reconfigured")), 1, "reconfigurations for a plan that is no better")
     failing = ManagerUnderTest()
-    failing.manager.planning = lambda asked: failing.fails(asked) if asked.in_background else the_same(asked)
+    failing.manager.planning = lambda request: failing.fails(request) if request.in_background else the_same(request)
     failing.run(2900)
     equal(
-        [one.in_background for one in failing.asked()], [False, True], "questions, when what is asked at leisure fails"
+        [one.in_background for one in failing.plan_requests()],
+        [False, True],
+        "requests when one fails",
     )
 
 
@@ -416,7 +418,7 @@ _LINK = GATEWAY_IDS[0]
 def _flying_with_a_radio() -> ManagerUnderTest:
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
-    demand(bool(manager.told("reconfigured")), "no configuration is brought about")
+    demand(bool(manager.told("reconfigured")), "no configuration is deployed")
     return manager
 
 
@@ -429,7 +431,7 @@ def _report(manager: ManagerUnderTest, sequence: int, usable: int, *, gone: bool
 
 
 def a_radio_is_planned_with_in_steps() -> None:
-    """It falls when two reports in a row are a tenth below, to the step below; it rises after a hold-down."""
+    """The limit falls when two reports in a row are a tenth below, to the step below; it rises after a hold-down."""
     manager = _flying_with_a_radio()
     for number in range(3):
         _report(manager, number, 1000)
@@ -453,11 +455,11 @@ def a_radio_is_planned_with_in_steps() -> None:
             sequence += 1
         shares = [one["share"] for one in manager.told("link_limited", began_ns)]
         equal(shares, [f"{limit / 10:g}%" for limit in limits], f"limits after {times} reports of {usable}")
-    equal(manager.asked()[-1].now.limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
+    equal(manager.plan_requests()[-1].now.limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
 
 
-def a_radio_that_gets_better_is_believed_after_a_hold_down() -> None:
-    """Ten periods of the radio, doubled with each fall, fourfold at most; at the least that was heard meanwhile."""
+def a_radio_that_gets_better_is_used_after_a_hold_down() -> None:
+    """Ten periods of the radio, doubled with each fall, fourfold at most; to the least that was reported meanwhile."""
     manager = _flying_with_a_radio()
     sequence = 0
     period_ms = manager.spec.buses["radio"].heartbeat_ns // MS
@@ -470,15 +472,15 @@ def a_radio_that_gets_better_is_believed_after_a_hold_down() -> None:
         while not manager.told("link_limited", began_ns):
             _report(manager, sequence, 1000 if sequence % 3 else 900)
             sequence += 1
-            demand(manager.now_ns - began_ns < 60_000 * MS, "a radio that is well again is not believed")
+            demand(manager.now_ns - began_ns < 60_000 * MS, "a radio that is well again is not used")
         took_ms = (manager.told("link_limited", began_ns)[0]["t_ns"] - began_ns) / MS
         wanted_ms = hold_periods * period_ms
-        demand(wanted_ms - 10 < took_ms < wanted_ms + 210, f"believed after {took_ms} ms, and not after {wanted_ms}")
+        demand(wanted_ms - 10 < took_ms < wanted_ms + 210, f"used after {took_ms} ms, and not after {wanted_ms}")
         equal(manager.told("link_limited", began_ns)[0]["share"], "80%", "the step it rises to")
 
 
-def a_radio_that_is_gone_takes_who_is_beyond() -> None:
-    """At once; back, each report sets the step directly until somebody beyond is counted on again."""
+def a_radio_that_is_gone_takes_the_pes_beyond() -> None:
+    """Immediately; once it is back, each report sets the step directly until a PE beyond is available again."""
     manager = _flying_with_a_radio()
     for number in range(3):
         _report(manager, number, 1000)
@@ -490,19 +492,19 @@ def a_radio_that_is_gone_takes_who_is_beyond() -> None:
     _report(manager, 4, 0, gone=True)
     equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone")
     lost = manager.told("pe_lost", began_ns)
-    equal([one["pe"] for one in lost], ["ground"], "who is lost with it")
-    demand(lost[0]["t_ns"] - began_ns < 5 * MS, "who is beyond is not lost at once")
+    equal([one["pe"] for one in lost], ["ground"], "PEs that are lost with it")
+    demand(lost[0]["t_ns"] - began_ns < 5 * MS, "a PE beyond is not lost immediately")
     began_ns = manager.now_ns
     for sequence, usable, share in ((5, 420, "40%"), (6, 260, "25%"), (7, 1000, "100%")):
         _report(manager, sequence, usable)
-        equal(manager.told("link_limited", began_ns)[-1]["share"], share, f"limit after {usable}, nobody beyond")
+        equal(manager.told("link_limited", began_ns)[-1]["share"], share, f"limit after {usable}, no PE beyond")
     equal(len(manager.told("link_back", began_ns)), 1, "how often it is back")
     _report(manager, 8, 0, gone=True)
-    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone again, before anybody is back")
+    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone again, before a PE is back")
 
 
 def reports_that_are_old_or_of_others_do_not_count() -> None:
-    """A sequence up to eight behind is late; another node is no gateway of this radio."""
+    """A sequence up to eight behind is late; another node is not the gateway of this radio."""
     manager = _flying_with_a_radio()
     for number in range(20, 23):
         _report(manager, number, 1000)
@@ -519,8 +521,8 @@ def reports_that_are_old_or_of_others_do_not_count() -> None:
     equal(len(manager.told("link_limited", began_ns)), 1, "limits after a gateway that has begun anew")
 
 
-def the_journal_s_word_is_told_on() -> None:
-    """What its driver says of the journal is told, and stands in the status."""
+def what_the_journal_reports_is_passed_on() -> None:
+    """What the driver reports of the journal makes an event, and is in the status."""
     manager = ManagerUnderTest().flies()
     for problem in ("the disk is full", None):
         manager.manager.tell(JournalTold(problem))
@@ -528,8 +530,8 @@ def the_journal_s_word_is_told_on() -> None:
         status = manager.accept(AskStatus()).status
         assert status is not None
         equal(status["manager"]["journal"], problem, "the journal in the status")
-    equal(len(manager.told("journal_failed")), 1, "failures told")
-    equal(len(manager.told("journal_kept")), 1, "recoveries told")
+    equal(len(manager.told("journal_failed")), 1, "failures reported")
+    equal(len(manager.told("journal_kept")), 1, "recoveries reported")
     manager.manager.tell(ChannelsLost(frozenset((1,))))
     manager.manager.tell(ChannelsLost(frozenset((1, 2))))
     manager.manager.tell(ChannelsLost(frozenset()))
@@ -538,8 +540,8 @@ def the_journal_s_word_is_told_on() -> None:
     equal([one["channel"] for one in manager.told("channel_back")], ["can0.1", "can0.2"], "channels back")
 
 
-def who_only_advises_says_nothing() -> None:
-    """On the bus, ever; it tells what it would do, and follows what is done."""
+def an_advising_manager_sends_nothing() -> None:
+    """It never sends on the bus; it tells what it would do, and follows what is done."""
     manager = ManagerUnderTest(advise=True)
     manager.run(1000)
     equal(manager.main.heard, [], "frames of a manager that advises")
@@ -554,13 +556,13 @@ def who_only_advises_says_nothing() -> None:
     manager.main.command(Lease(5, 1, active_manager.lease().step, 1), manager=127)
     manager.run(300)
     advice = manager.told("advice", began_ns)
-    demand(bool(advice) and "servo_driver_2" in advice[-1]["started"], f"advice when who drives is lost: {advice}")
+    demand(bool(advice) and "servo_driver_2" in advice[-1]["started"], f"advice when a driver is lost: {advice}")
     equal(manager.main.heard, [], "frames of a manager that advises")
     demand(bool(manager.accept(AskStatus()).status), "it has no status")
 
 
-def who_only_advises_waits_for_no_answer() -> None:
-    """Where nobody reigns, a PE that has restarted is asked by nobody, and not given up for that."""
+def an_advising_manager_waits_for_no_answer() -> None:
+    """Where no manager is active, a PE that has restarted is not asked, and not given up for that."""
     active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
     for name, ran in active_manager.pes.items():
@@ -568,11 +570,11 @@ def who_only_advises_waits_for_no_answer() -> None:
     manager.run(300)
     manager.pes["tail_b"].reboot()
     manager.run(3000)
-    equal([one["cause"] for one in manager.told("pe_lost")], ["it rebooted (incarnation 2)"], "why somebody is lost")
+    equal([one["cause"] for one in manager.told("pe_lost")], ["it rebooted (incarnation 2)"], "why a PE is lost")
 
 
 def commands_keep_their_order() -> None:
-    """A turn's frames go out in order: LEASE, then ALIVE; and every one is of its own identifiers."""
+    """A turn's frames go out in order: LEASE, then ALIVE; and every frame has an identifier of the manager's own."""
     manager = ManagerUnderTest().flies()
     own = {management_id(126, command) for command in Command} | {1792 + 126}
     equal({one.frame.can_id for one in manager.main.heard} - own, set(), "identifiers that are not its own")

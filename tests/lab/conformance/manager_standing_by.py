@@ -1,4 +1,4 @@
-"""A manager that stands by, and one with a key: whom it follows and believes (rules 7 and 11)."""
+"""A standby manager, and one with a key: which manager it follows, what it believes (protocol rules 7 and 11)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,7 +48,7 @@ _LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a c
 
 
 class _ActiveManager:
-    """Another manager, 126, that reigns in term 1 while the one under test, 127, stands by."""
+    """Another manager, 126, that is active in term 1 while the one under test, 127, stands by."""
 
     def __init__(self, manager: ManagerUnderTest) -> None:
         self.speaks, self.has_available = True, _ALL
@@ -73,7 +73,7 @@ def _standing_by() -> tuple[ManagerUnderTest, _ActiveManager]:
     active_manager = _ActiveManager(manager)
     manager.run_until(505 * MS)
     equal(manager.heard(-1, *Command), [], "commands of a manager that stands by")
-    equal([one["node"] for one in manager.told("standing_by")], [126], "whom it says it follows")
+    equal([one["node"] for one in manager.told("standing_by")], [126], "the manager that it reports to follow")
     return manager, active_manager
 
 
@@ -88,27 +88,27 @@ def _its_mastership_ends(manager: ManagerUnderTest, active_manager: _ActiveManag
     manager.run(after_ms)
 
 
-def it_takes_over_when_the_pes_hear_nobody() -> None:
-    """The lease has expired, and more than half of those counted on say that they hear none; in its next term."""
+def a_standby_takes_over_when_the_pes_hear_no_manager() -> None:
+    """The lease has expired, and more than half of the available PEs report that they hear none; in its next term."""
     manager, active_manager = _standing_by()
     active_manager.speaks = False
     leased_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
     manager.run_until(leased_ns + 300 * MS)
-    equal(manager.heard(-1, *Command), [], "commands while the PEs hear somebody")
+    equal(manager.heard(-1, *Command), [], "commands while the PEs hear a manager")
     manager.pes["flight"].hears = False
     manager.run(60)
-    equal(manager.heard(-1, *Command), [], "commands while one of three hears nobody")
+    equal(manager.heard(-1, *Command), [], "commands while one of three hears no manager")
     manager.pes["tail_a"].hears = False
     began_ns = manager.run(60)
     leases = manager.said(Lease, began_ns)
-    demand(bool(leases), "most hear nobody, and it does not take over")
+    demand(bool(leases), "most hear no manager, and it does not take over")
     equal(leases[0][1].term, 2, "its term")
     equal(len(manager.told("taken_over")), 1, "how often it takes over")
-    equal(manager.told("plan_requested")[0]["causes"], ["nobody reigned"], "why it asks for a plan")
+    equal(manager.told("plan_requested")[0]["causes"], ["no manager was active"], "why it requests a plan")
 
 
-def it_waits_for_the_lease_to_expire() -> None:
-    """T_lease after the last one that it has heard, whatever the PEs say."""
+def a_standby_waits_for_the_lease_to_expire() -> None:
+    """T_lease after the last one that it has heard, whatever the PEs report."""
     manager, active_manager = _standing_by()
     active_manager.speaks = False
     last_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
@@ -118,11 +118,11 @@ def it_waits_for_the_lease_to_expire() -> None:
     equal(manager.heard(-1, *Command), [], "commands within T_lease")
     manager.run_until(last_ns + 107 * MS)
     demand(bool(manager.said(Lease)), "T_lease is over, and it does not take over")
-    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "whom it counts on")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "available PEs")
 
 
-def only_who_was_available_is_asked() -> None:
-    """And only what was said within T_lease counts."""
+def only_reports_of_available_pes_count() -> None:
+    """And only those within T_lease."""
     manager, active_manager = _standing_by()
     active_manager.has_available = frozenset((92,))
     manager.run(50)
@@ -130,26 +130,26 @@ def only_who_was_available_is_asked() -> None:
     for name in ("tail_a", "tail_b"):
         manager.pes[name].hears = False
     manager.run(300)
-    equal(manager.heard(-1, *Command), [], "commands while those who were not counted on hear nobody")
+    equal(manager.heard(-1, *Command), [], "commands while unavailable PEs hear no manager")
     manager.pes["flight"].hears = False
     manager.run(1)
     manager.pes["flight"].speaks = False
     manager.run(200)
-    equal(manager.heard(-1, *Command), [], "commands when who was counted on is silent")
+    equal(manager.heard(-1, *Command), [], "commands when an available PE is silent")
     manager.pes["flight"].speaks = True
     manager.run(60)
-    demand(bool(manager.said(Lease)), "who was counted on hears nobody, and it does not take over")
+    demand(bool(manager.said(Lease)), "an available PE hears no manager, and the standby does not take over")
 
 
 def half_of_those_available_are_not_most() -> None:
-    """Of two one hears nobody, and says so for as long as it likes."""
+    """Of two PEs one hears no manager, and reports it for long."""
     manager, active_manager = _standing_by()
     active_manager.has_available = frozenset((92, 93))
     manager.run(50)
     active_manager.speaks = False
     manager.pes["flight"].hears = False
     manager.run(400)
-    equal(manager.heard(-1, *Command), [], "commands while one of two hears somebody")
+    equal(manager.heard(-1, *Command), [], "commands while one of two hears a manager")
 
 
 def _knowing_a_higher_term() -> ManagerUnderTest:
@@ -157,8 +157,8 @@ def _knowing_a_higher_term() -> ManagerUnderTest:
     return ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
 
 
-def of_a_term_that_is_behind_it_asks_whether_it_is_accepted() -> None:
-    """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
+def a_term_that_is_behind_ends_if_a_pe_refuses_it() -> None:
+    """For ten T_lease the active manager may learn of the higher term; then one PE that refuses it is enough."""
     manager = _knowing_a_higher_term()
     manager.run(500)
     active_manager = _ActiveManager(manager)
@@ -174,7 +174,7 @@ def of_a_term_that_is_behind_it_asks_whether_it_is_accepted() -> None:
     accepted = _knowing_a_higher_term()
     _ActiveManager(accepted)
     accepted.run(1500)
-    equal(accepted.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
+    equal(accepted.heard(-1, *Command), [], "commands while all PEs accept the term that is behind")
     raised = _knowing_a_higher_term()
     active_manager = _ActiveManager(raised)
     raised.run(900)
@@ -182,25 +182,25 @@ def of_a_term_that_is_behind_it_asks_whether_it_is_accepted() -> None:
     raised.run(100)
     active_manager.refused_by = frozenset(("tail_b",))
     raised.run(1500)
-    equal(raised.heard(-1, *Command), [], "commands after the manager that reigns has learnt of the higher term")
+    equal(raised.heard(-1, *Command), [], "commands after the active manager has learnt of the higher term")
 
 
 def where_nobody_is_active_127_lets_126_go_first() -> None:
-    """For the start-up window; then it asks those that are heard."""
+    """For the start-up window; then the reports of the PEs that are heard count."""
     manager = ManagerUnderTest(node=127, standby=True)
     for pe in manager.pes.values():
         pe.hears = False
     manager.run_until(4950 * MS)
     equal(manager.heard(-1, *Command), [], "commands within the start-up window")
     manager.run_until(5150 * MS)
-    demand(bool(manager.said(Lease)), "nobody reigns, and it does not take over")
+    demand(bool(manager.said(Lease)), "no manager is active, and it does not take over")
     first = ManagerUnderTest(node=126, standby=True)
     first.run_until(130 * MS)
     demand(bool(first.said(Lease)), "126 does not go first")
 
 
-def of_a_deposed_manager_it_believes_nothing() -> None:
-    """While the one that deposed it speaks."""
+def a_deposed_manager_is_not_believed() -> None:
+    """While the one that deposed it sends."""
     manager, active_manager = _standing_by()
     active_manager.lease = replace(active_manager.lease, term=3)
     manager.run(50)
@@ -221,14 +221,14 @@ def of_a_deposed_manager_it_believes_nothing() -> None:
         manager.run(5)
     equal(len(manager.told("fault_cleared")), 2, "faults cleared")
     reply = manager.accept(FailElement("pe:flight"))
-    demand(not reply.done and "126" in reply.sentence, "who stands by obeys an order")
+    demand(not reply.done and "126" in reply.sentence, "a standby manager executes an order")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["manager"]["state"], "standby", "its state in the status")
 
 
 def what_is_held_no_more_is_cleared() -> None:
-    """A CLEAR that it has missed: a fault that the reign has not told for three turns; one that is told stays."""
+    """After a missed CLEAR: a fault that was not announced for three turns ends; one that is announced stays."""
     manager, _ = _standing_by()
     manager.main.command(*(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, index) for index in (1, 2)), manager=126)
     manager.run(20)
@@ -240,11 +240,11 @@ def what_is_held_no_more_is_cleared() -> None:
     cleared = manager.told("fault_cleared", began_ns)
     equal([one["element"] for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
     waited = (cleared[0]["t_ns"] - began_ns) / PERIOD_NS
-    demand(44 <= waited <= 47, f"of two faults one is told in turn, and is given up after {waited} beats without")
+    demand(44 <= waited <= 47, f"a fault that is not announced is given up after {waited} beats")
 
 
-def a_request_that_another_manager_has_accepted_is_accepted_no_more() -> None:
-    """It has heard the answer; the operator may have gone back since. A later request counts."""
+def a_request_that_another_manager_has_executed_is_not_executed_again() -> None:
+    """The standby has heard the answer; the operator may have gone back since. A later request counts."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
     active_manager = _ActiveManager(manager)
     active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
@@ -270,7 +270,7 @@ def a_request_that_another_manager_has_accepted_is_accepted_no_more() -> None:
 
 
 def an_answer_counts_right_behind_the_phase_alone() -> None:
-    """It has missed which phase was entered, and hears that the request was obeyed: then it has to obey it itself."""
+    """The standby has missed which phase was entered, and hears that the request was executed: it still executes it."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
     active_manager = _ActiveManager(manager)
     active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
@@ -280,7 +280,7 @@ def an_answer_counts_right_behind_the_phase_alone() -> None:
     accepted = Control(1, manager.pes["flight"].node, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)
     manager.main.command(accepted, held, fault, accepted, manager=126)
     manager.run(5)
-    manager.pes["flight"].reboot()  # an answer that follows at once may have waited, and be for the one before
+    manager.pes["flight"].reboot()  # an answer right after that may have waited, and be for the incarnation before
     manager.run(25)
     manager.main.command(held, accepted, manager=126)
     manager.run(5)
@@ -291,8 +291,8 @@ def an_answer_counts_right_behind_the_phase_alone() -> None:
     equal(len(manager.told("phase_changed", began_ns)), 1, "phases entered by a request")
 
 
-def who_came_late_to_a_mastership_with_a_key_knows_which_requests_it_has_accepted() -> None:
-    """No PE has proven to it which incarnation it is: what it says of that will do."""
+def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_executed() -> None:
+    """No PE has proven its incarnation to the standby: an unproven one is enough for that."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True, key=KEY)
     manager.main.sign = CommandSigner(KEY, 126, 1).tag
     provers = _provers(manager)
@@ -309,7 +309,7 @@ def who_came_late_to_a_mastership_with_a_key_knows_which_requests_it_has_accepte
     for prover in provers.values():
         prover.asks = True
     _its_mastership_ends(manager, active_manager, 800)
-    demand("flight" in manager.has_available(), "it does not take over, or counts on nobody")
+    demand("flight" in manager.has_available(), "it does not take over, or no PE is available")
     began_ns = manager.now_ns
     request = Emergency(FaultCode.PHASE_REQUEST, 0x81, ElementKind.PHASE, 1, 1).encode()
     provers["flight"].emergency = request
@@ -317,11 +317,11 @@ def who_came_late_to_a_mastership_with_a_key_knows_which_requests_it_has_accepte
     manager.run(100)
     answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
     demand(1 in answers, "the request is not answered")
-    equal(manager.told("phase_changed", began_ns), [], "phases entered by a request that was obeyed before")
+    equal(manager.told("phase_changed", began_ns), [], "phases entered by a request that was executed before")
 
 
-def with_a_key_nobody_else_says_what_runs() -> None:
-    """A digest can be computed by anybody: what is remembered to run was said by a manager that has the key."""
+def with_a_key_only_a_manager_with_the_key_says_what_runs() -> None:
+    """Any node can compute a digest: what is remembered to run was sent by a manager that has the key."""
     first = ManagerUnderTest(key=KEY)
     _provers(first)
     first.flies()
@@ -340,8 +340,8 @@ def with_a_key_nobody_else_says_what_runs() -> None:
         equal(runs and runs.epoch, wanted, "the epoch that is remembered to run")
 
 
-def who_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
-    """PREPARE of the epoch that runs is said again for it, while the next one is being prepared."""
+def a_pe_that_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
+    """PREPARE of the epoch that runs is sent again for that PE, while the next one is being prepared."""
     first = ManagerUnderTest().flies()
     began = first.said(Prepare)[0][1]
     since_ns = first.now_ns
@@ -358,7 +358,7 @@ def who_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
     _adopts(manager, active_manager, first)
 
 
-def what_it_has_overheard_is_adopted() -> None:
+def what_was_overheard_is_adopted() -> None:
     """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
     first = ManagerUnderTest(example("phases")).flies()
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
@@ -393,8 +393,8 @@ def what_was_called_by_its_number_is_adopted() -> None:
 
 
 def _adopts(manager: ManagerUnderTest, active_manager: _ActiveManager, first: ManagerUnderTest) -> None:
-    """Demand that what another manager has brought about goes on when its reign ends."""
-    manager.manager.planning = lambda _: None  # what it knows is enough
+    """Demand that what another manager has deployed goes on when its mastership ends."""
+    manager.manager.planning = lambda _: None  # what the manager knows is enough
     active_manager.lease = first.lease()
     for name, ran in first.pes.items():
         manager.pes[name].goes_on_as(ran)
@@ -406,15 +406,15 @@ def _adopts(manager: ManagerUnderTest, active_manager: _ActiveManager, first: Ma
     equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
 
 
-def who_is_inherited_may_drive_anything() -> None:
-    """The reign before counted on it to the last; what it took up then was counted nowhere here."""
+def an_inherited_pe_may_drive_anything() -> None:
+    """It was available to the previous manager to the last; this manager has not counted what it took up then."""
     manager, active_manager = _standing_by()
     driver = manager.pes["tail_a"]
     for pe in manager.pes.values():
         pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
     active_manager.lease = Lease(1, 7, Step.GO_ALL, 0x99)
     manager.run_into_next_period(15)
-    driver.reboot()  # to be held down, and counted on all the same
+    driver.reboot()  # to be held down, and available all the same
     manager.run(25)
     driver.epoch, driver.digest, driver.state = 7, 0x99, PeState.ACTIVE
     manager.run(20)
@@ -426,19 +426,19 @@ def who_is_inherited_may_drive_anything() -> None:
     driver.speaks = False
     manager.until(lambda: bool(manager.told("taken_over")), 100, "it does not take over")
     manager.run(1)
-    demand("tail_a" in manager.has_available(), "who the reign before counted on is not vouched for")
+    demand("tail_a" in manager.has_available(), "a PE that was available to the previous manager is not inherited")
     manager.manager.planning = manager.plans
     for pe in manager.pes.values():
         pe.hears = True
-    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - 5 * MS)), 100, "nobody is lost")
+    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - 5 * MS)), 100, "no PE is lost")
     lost_ns = manager.now_ns
     manager.run(400)
     goes = [t_ns for t_ns, one in manager.said(Activate, lost_ns) if one.step is Step.GO_ALL]
-    demand(bool(goes) and goes[0] - lost_ns > LEASE_NS - MS, "nobody waits for who was vouched for")
+    demand(bool(goes) and goes[0] - lost_ns > LEASE_NS - MS, "nothing waits for the inherited PE")
 
 
 def what_is_no_configuration_is_not_remembered() -> None:
-    """Slices with the digest that was announced, and nothing in them that this spec has."""
+    """Slices with the digest that was announced, and nothing in them that this spec has, are not remembered."""
     manager, active_manager = _standing_by()
     body = b"\x01\x7f\x00"
     digest = slice_digest(manager.spec.digest, body)
@@ -456,7 +456,7 @@ def what_is_no_configuration_is_not_remembered() -> None:
 
 
 def the_active_manager_stands_by_before_a_higher_term() -> None:
-    """It forgets what it planned, says so, and takes over again when that one is gone."""
+    """It forgets what it planned, reports that, and takes over again when the other manager is gone."""
     manager = ManagerUnderTest(standby=True).flies()
     manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=127)
     manager.run(5)
@@ -475,7 +475,7 @@ def the_active_manager_stands_by_before_a_higher_term() -> None:
 
 
 class _KeyedPe:
-    """Lets a played PE prove what it says, as soon as it was welcomed."""
+    """Lets a played PE prove its states, as soon as it was welcomed."""
 
     def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
         self.states = ProvenStates(pe.node, KEY)
@@ -513,7 +513,7 @@ def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
 
 
 def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
-    """Let its PEs have the key, too."""
+    """Give its PEs the key, too."""
     provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
     plain = manager.main.hears
 
@@ -531,10 +531,10 @@ def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
 
 
 def every_command_is_tagged() -> None:
-    """With its number in this term, from 0 on, by who has the key; a WELCOME with the nonce it answers."""
+    """With its number in this term, from 0 on, by the key; a WELCOME with the nonce that it answers."""
     manager, _ = _keyed()
     manager.run(800)
-    demand(bool(manager.told("reconfigured")), "with a key nothing is brought about")
+    demand(bool(manager.told("reconfigured")), "with a key nothing is deployed")
     checker = CommandSigner(KEY, 126, 1)
     frames = [one.frame for one in manager.main.heard if 200 <= one.frame.can_id < 208]
     tags = [frame for frame in frames if frame.can_id == 207]
@@ -550,26 +550,26 @@ def every_command_is_tagged() -> None:
 
 
 def a_state_counts_when_it_is_proven() -> None:
-    """One that is not is as good as silence; who is heard and not believed for T_lease is told to begin anew."""
+    """An unproven state counts as silence; a PE that is heard and not believed for T_lease is told to begin anew."""
     manager, provers = _keyed()
     manager.run(800)
-    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "counted on")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "available PEs")
     provers["tail_b"].proves = False
     began_ns = manager.run(100)
-    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when it proves nothing")
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "PEs lost when they prove nothing")
     manager.run(100)
     renewed = [one.node for one in manager.acknowledged(began_ns) if one.operation is Operation.RENEW]
-    demand(renewed[:1] == [94], f"who is told to begin anew: {renewed}")
+    demand(renewed[:1] == [94], f"PEs that are told to begin anew: {renewed}")
     equal(manager.told("states_unproven", began_ns), [], "unproven after one renewal")
     manager.run(500)
     equal([one["pe"] for one in manager.told("states_unproven", began_ns)], ["tail_b"], "unproven after some")
     provers["tail_b"].proves = True
     manager.run(800)
-    demand("tail_b" in manager.has_available(), "who proves itself again is not taken back")
+    demand("tail_b" in manager.has_available(), "a PE that proves itself again is not available again")
 
 
 def a_nonce_is_answered_once_in_a_period() -> None:
-    """However often it is asked; and the nonce 0 never."""
+    """However often it is sent; and the nonce 0 never."""
     manager, provers = _keyed()
     provers["tail_b"].asks = False
     manager.run(300)
@@ -584,14 +584,14 @@ def a_nonce_is_answered_once_in_a_period() -> None:
 
 
 def an_emergency_counts_when_it_is_proven() -> None:
-    """By the next page 0 that says FAULT_PENDING; without that it is as good as unsaid."""
+    """By the next page 0 with FAULT_PENDING; without that it counts for nothing."""
     manager, provers = _keyed()
     manager.run(800)
     said = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 3).encode()
     began_ns = manager.now_ns
     manager.main.say(Frame(emcy_id(93), said))
     manager.run(100)
-    equal(manager.told("fault_reported", began_ns), [], "faults that nobody has proven")
+    equal(manager.told("fault_reported", began_ns), [], "faults that no page 0 has proven")
     provers["tail_a"].emergency = said
     manager.main.say(Frame(emcy_id(93), said))
     manager.run(200)
@@ -604,7 +604,7 @@ def an_emergency_counts_when_it_is_proven() -> None:
 
 
 def a_page_1_counts_when_it_is_proven() -> None:
-    """A forged one cannot make it fail a PE."""
+    """A forged page 1 cannot make the manager fail a PE."""
     manager, _ = _keyed()
     manager.run(800)
     lease = manager.lease()
@@ -612,15 +612,15 @@ def a_page_1_counts_when_it_is_proven() -> None:
     began_ns = manager.now_ns
     manager.main.say(Frame(state_id(94), page.encode()))
     manager.run(10)
-    equal(manager.told("pe_lost", began_ns), [], "who is failed for a page 1 that is not proven")
+    equal(manager.told("pe_lost", began_ns), [], "PEs that are failed for a page 1 that is not proven")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["pes"]["tail_b"]["authentic"]["refused_states"], 1, "states that it has refused")
     demand(status["pes"]["tail_b"]["authentic"]["is_believed"], "a PE that proves what it says is not believed")
 
 
-def who_is_guessed_at_needs_two_states_in_a_row() -> None:
-    """After eight tags that did not fit a true state counts only right after another true one."""
+def a_pe_whose_tags_are_guessed_at_needs_two_states_in_a_row() -> None:
+    """After eight wrong tags a true state counts only right after another true one."""
     manager, _ = _keyed()
     manager.run(800)
     page = manager.pes["tail_b"].page_0()
@@ -628,13 +628,13 @@ def who_is_guessed_at_needs_two_states_in_a_row() -> None:
         manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
         manager.run(1)
     began_ns = manager.now_ns
-    equal(len(manager.told("states_doubted")), 1, "how often it is told that states are doubted")
+    equal(len(manager.told("states_doubted")), 1, "how often an event reports that states are doubted")
     status = manager.accept(AskStatus()).status
     assert status is not None
     demand(status["pes"]["tail_b"]["authentic"]["refused_states"] >= 12, "states that were refused are not counted")
     manager.run(300)
-    equal(manager.told("pe_lost", began_ns), [], "who is lost while somebody guesses")
-    demand("tail_b" in manager.has_available(), "who is guessed at is not counted on")
+    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost while tags are guessed")
+    demand("tail_b" in manager.has_available(), "a PE whose tags are guessed at is not available")
 
 
 def guesses_are_counted_and_forgiven() -> None:
@@ -659,8 +659,8 @@ def guesses_are_counted_and_forgiven() -> None:
         equal(found, lost, f"lost {periods} periods after {guesses}, when states are {stride} apart")
 
 
-def who_was_available_and_dies_unproven_is_not_waited_for() -> None:
-    """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
+def a_pe_that_was_available_and_dies_unproven_is_not_waited_for() -> None:
+    """ALIVE names a PE that was available to the previous manager until it has proven itself, or has fallen silent."""
     manager, provers, _ = _takes_over_from_a_keyed_mastership(silent=())
     manager.run(25)
     equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "named at first")
@@ -675,8 +675,8 @@ def who_was_available_and_dies_unproven_is_not_waited_for() -> None:
     manager.run(200)
     _is_absent(manager, spoke[-1])
     equal(manager.has_available(), {"flight", "tail_a"}, "named at last")
-    demand(bool(manager.asked()), "it waits for who is absent")
-    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
+    demand(bool(manager.plan_requests()), "it waits for an absent PE")
+    equal(manager.plan_requests()[0].now.down, {"pe:tail_b"}, "down")
     manager, _, took_over_ns = _takes_over_from_a_keyed_mastership(silent=("tail_b",))
     manager.run(200)
     _is_absent(manager, took_over_ns)
@@ -686,7 +686,7 @@ def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
     """Demand that tail_b was given up when it had been silent since a moment, for as long as it may."""
     (absent,) = manager.told("pe_absent")
     told = absent["pe"], absent["cause"]
-    equal(told, ("tail_b", "not heard any more, before it could be believed"), "who is absent")
+    equal(told, ("tail_b", "not heard any more, before it could be believed"), "PEs that are absent")
     silent_ns = absent["t_ns"] - since_ns
     demand(65 * MS <= silent_ns < 66 * MS, f"it is given up after {silent_ns} ns")
 
@@ -694,7 +694,7 @@ def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
 def _takes_over_from_a_keyed_mastership(
     silent: Sequence[str],
 ) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
-    """Let 127 take over when nobody has proven anything to it, some are silent, and when that was."""
+    """Let 127 take over when no PE has proven anything to it, and some are silent; gives the moment of that."""
     manager = ManagerUnderTest(node=127, standby=True, key=KEY)
     signer = CommandSigner(KEY, 126, 1)
     manager.main.sign = signer.tag
@@ -722,8 +722,8 @@ def the_lock_is_opened_by_order() -> None:
     equal(said, [(94, 30)], "UNLOCKs")
 
 
-def what_a_pe_refuses_is_told() -> None:
-    """Once a second while it rises, and in the status; less than before is a restart, and no news."""
+def what_a_pe_refuses_is_reported() -> None:
+    """An event once a second while the count rises, and in the status; a lower count is a restart, and makes none."""
     manager, _ = _keyed()
     manager.run(800)
 
@@ -734,54 +734,54 @@ def what_a_pe_refuses_is_told() -> None:
         manager.run(5)
         return len(manager.told("commands_refused", began_ns))
 
-    equal([says(5, 0), says(5, 2), says(6, 2)], [1, 0, 0], "news within a second")
+    equal([says(5, 0), says(5, 2), says(6, 2)], [1, 0, 0], "events within a second")
     manager.run(1000)
-    equal([says(6, 2), says(7, 2), says(0, 0)], [1, 0, 0], "news after a second")
+    equal([says(6, 2), says(7, 2), says(0, 0)], [1, 0, 0], "events after a second")
     manager.run(1000)
-    equal(says(0, 3), 1, "news after a restart")
+    equal(says(0, 3), 1, "events after a restart")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["pes"]["tail_b"]["authentic"]["refused_commands"], 3, "commands that it has refused")
 
 
 def lost_states_cost_nothing() -> None:
-    """While nobody guesses, the next one counts, however many were lost before it."""
+    """While no tags are guessed, the next state counts, however many were lost before it."""
     manager, provers = _keyed()
     manager.run(800)
     provers["tail_b"].stride = 7
     began_ns = manager.run(2000)
-    equal(manager.told("pe_lost", began_ns), [], "who is lost because states were lost")
+    equal(manager.told("pe_lost", began_ns), [], "PEs that are lost because states were lost")
 
 
-def what_it_has_said_itself_is_nobody_else() -> None:
-    """Its own LEASE, recorded and said again, ends no reign; that of a double which has come further does."""
+def a_replay_of_its_own_frames_is_no_other_manager() -> None:
+    """Its own LEASE, recorded and replayed, does not end its mastership; that of a double with a higher number does."""
     manager, _ = _keyed()
     manager.run(800)
     leases = [one.frame for one in manager.main.heard if one.frame.can_id == 200]
     tags = [one.frame for one in manager.main.heard if one.frame.can_id == 207 and one.frame.data[0] >> 5 == 0]
 
     def says(*frames: Frame) -> None:
-        """In the quiet part of a period: two who say one identifier at once destroy each other's frames."""
+        """Send in the quiet part of a period: two nodes that send one identifier together destroy both frames."""
         manager.run_into_next_period(8)
         manager.main.say(*frames)
         manager.run(5)
 
     for number in (0, 5, -1, -1):
         says(leases[number], tags[number])
-        demand(manager.manager.stopped is None, "its own words, said again, end its reign")
+        demand(manager.manager.stopped is None, "its own frames, replayed, end its mastership")
     double = CommandSigner(KEY, 126, manager.lease().term)
     double.number = 2_000
     lease = Frame(200, manager.lease().encode())
     tag = double.tag(lease)
     assert tag is not None
     says(lease)
-    demand(manager.manager.stopped is None, "a LEASE without a tag ends a reign")
+    demand(manager.manager.stopped is None, "a LEASE without a tag ends a mastership")
     says(lease, tag)
-    demand(manager.manager.stopped is not None, "a double that has come further does not end its reign")
+    demand(manager.manager.stopped is not None, "a double with a higher number does not end its mastership")
 
 
-def who_advises_follows_no_more_than_is_known() -> None:
-    """An epoch that was advised, and is replaced by one that is not known, is not what runs."""
+def an_advising_manager_follows_no_more_than_is_known() -> None:
+    """An epoch that was advised, and is replaced by an unknown one, is not what runs."""
     active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
     for name, ran in active_manager.pes.items():
@@ -798,8 +798,8 @@ def who_advises_follows_no_more_than_is_known() -> None:
     equal(status["epoch"], None, "the epoch that it sees when another one runs")
 
 
-def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
-    """What is held it hears before it advises; what runs it has missed, until the next epoch."""
+def an_advising_manager_that_was_started_late_reports_what_it_does_not_know() -> None:
+    """It hears what is held before it advises; it has missed what runs, until the next epoch."""
     first = ManagerUnderTest().flies()
     manager = ManagerUnderTest(node=127, advise=True)
     active_manager = _ActiveManager(manager)
@@ -814,9 +814,11 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
             manager.run(5 * 20)
 
     fly(15)
-    equal([(sorted(one.now.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
-    equal(manager.told("advice"), [], "advice while nobody knows what runs")
-    equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it says it does not know")
+    equal(
+        [(sorted(one.now.down), one.running) for one in manager.plan_requests()], [([_UNUSED], None)], "plans requested"
+    )
+    equal(manager.told("advice"), [], "advice while what runs is not known")
+    equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it reports as unknown")
     status = manager.accept(AskStatus()).status
     assert status is not None
     equal((status["epoch"], status["unknown_epoch"]), (None, 7), "the epoch in the status")

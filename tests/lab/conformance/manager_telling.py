@@ -1,4 +1,4 @@
-"""What a manager says of how things stand, what it gives its PEs, and what it remembers over a restart."""
+"""What a manager reports in its status and events, what it gives its PEs, and what it remembers over a restart."""
 
 from collections import Counter
 from typing import Any
@@ -28,12 +28,12 @@ def _status(manager: ManagerUnderTest) -> dict[str, Any]:
     return dict(status)
 
 
-def the_status_tells_how_things_stand() -> None:
+def the_status_tells_of_pes_faults_functions_and_buses() -> None:
     """Every PE, what is latched, what is served, and what is planned."""
     manager = ManagerUnderTest()
     manager.run(50)
     early = _status(manager)
-    equal((early["epoch"], early["stage"], early["next"], early["buses"]), (None, None, None, {}), "before it reigns")
+    equal((early["epoch"], early["stage"], early["next"], early["buses"]), (None, None, None, {}), "at the start")
     equal(early["manager"]["state"], "listening", "its state at the start")
     equal(early["functions"]["elevator"]["why_not"], "nothing runs yet", "why the elevator is not served")
     manager.flies()
@@ -67,11 +67,11 @@ def the_status_tells_how_things_stand() -> None:
 
 
 def the_status_tells_of_radios_and_phases() -> None:
-    """What a gateway reports; which phases nobody watches."""
+    """What a gateway reports; which phases no PE watches."""
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
     unheard = _status(manager)["links"]["radio"]
-    equal((unheard["state"], unheard["limit"], unheard["usable"]), ("unheard", 1000, None), "a radio nobody reports on")
+    equal((unheard["state"], unheard["limit"], unheard["usable"]), ("unheard", 1000, None), "a radio without a report")
     report = LinkReport(manager.pes["comms"].node, LinkState.UP, 1, 990, 98, 3, 4)
     manager.main.say(Frame(GATEWAY_IDS[0], report.encode()))
     manager.run(5)
@@ -80,17 +80,17 @@ def the_status_tells_of_radios_and_phases() -> None:
     equal(told, ("up", 1000, 990, 98, 3, 4), "a radio")
 
 
-def a_lost_channel_is_told_of() -> None:
-    """Once, until it is back, or until nobody has told of it for three and a half seconds."""
+def a_lost_channel_is_reported() -> None:
+    """Once, until it is back, or until no node has reported it for three and a half seconds."""
     manager = ManagerUnderTest(example("replicated_bus"))
     pe = next(iter(manager.pes))
     manager.run(50)
     manager.emergency(pe, ElementKind.CHANNEL, 0, 1, FaultCode.CHANNEL_LOST)
     manager.run(5)
-    equal(manager.told("channel_lost"), [], "channels lost that a manager tells of which still listens")
+    equal(manager.told("channel_lost"), [], "lost channels that a listening manager reports")
     manager.flies()
     bus = manager.spec.manager.bus
-    asked = len(manager.asked())
+    before = len(manager.plan_requests())
 
     def tell(number: int, code: FaultCode = FaultCode.CHANNEL_LOST, index: int = 0) -> None:
         manager.emergency(pe, ElementKind.CHANNEL, index, number, code)
@@ -99,7 +99,7 @@ def a_lost_channel_is_told_of() -> None:
     tell(1)
     tell(1)
     equal([one["channel"] for one in manager.told("channel_lost")], [f"{bus}.1"], "channels lost")
-    equal(_status(manager)["channels"][f"{bus}.1"], [pe], "who lacks it")
+    equal(_status(manager)["channels"][f"{bus}.1"], [pe], "nodes that lack it")
     for number, index in ((0, 0), (3, 0), (1, 7)):
         tell(number, index=index)
     equal(len(manager.told("channel_lost")), 1, "channels lost, after some that there are not")
@@ -109,11 +109,11 @@ def a_lost_channel_is_told_of() -> None:
     tell(2)
     told_ns = manager.now_ns - 5 * MS
     manager.run_until(told_ns + 3480 * MS)
-    equal(_status(manager)["channels"][f"{bus}.2"], [pe], "who lacks it after 3.48 s")
+    equal(_status(manager)["channels"][f"{bus}.2"], [pe], "nodes that lack it after 3.48 s")
     manager.run_until(told_ns + 3530 * MS)
-    equal(_status(manager)["channels"][f"{bus}.2"], [], "who lacks it after 3.53 s")
+    equal(_status(manager)["channels"][f"{bus}.2"], [], "nodes that lack it after 3.53 s")
     equal(len(manager.told("channel_back")), 2, "channels back")
-    equal(len(manager.asked()), asked, "plans asked for")
+    equal(len(manager.plan_requests()), before, "plans requested")
     equal(manager.told("fault_reported"), [], "faults")
 
 
@@ -143,19 +143,23 @@ def a_restart_goes_on_with_what_runs() -> None:
         epochs = [one.epoch for _, one in manager.said(Prepare)]
         if not change:
             equal(epochs, [], "epochs after a restart")
-            equal([one.in_background for one in manager.asked()], [True], "questions after a restart, at leisure")
+            equal(
+                [one.in_background for one in manager.plan_requests()],
+                [True],
+                "requests after a restart",
+            )
         demand(adopted or min(epochs) > lease.epoch, f"epochs after a restart: {epochs}")
         equal([one["element"] for one in _status(manager)["latched"]], ["device:elevator_servo_2"], "latched")
         demand(manager.lease().step is Step.GO_ALL, f"with {change} it comes to no end")
 
 
 def _copy(manager: ManagerUnderTest) -> Disk:
-    """What is on a manager's disk."""
+    """Give what is on a manager's disk."""
     return Disk(manager.spec, manager.disk.data)
 
 
 def a_restart_believes_no_damaged_line() -> None:
-    """One whose checksum is wrong, or that is no JSON, is as if it had never been written."""
+    """A line whose checksum is wrong, or that is no JSON, counts as never written."""
     first = ManagerUnderTest().flies()
     first.emergency("tail_b", ElementKind.DEVICE, 2, 1)
     first.run(300)
@@ -164,14 +168,14 @@ def a_restart_believes_no_damaged_line() -> None:
         (data.replace(b"elevator_servo_2", b"elevator_servo_1"), []),
         (data + b"%08x %s\n" % (crc32(no_json), no_json), ["device:elevator_servo_2"]),
     ):
-        demand(damaged != data, "the drill has damaged nothing")
+        demand(damaged != data, "the test has damaged nothing")
         manager = ManagerUnderTest(disk=Disk(first.spec, damaged))
         manager.run(600)
         equal([one["element"] for one in _status(manager)["latched"]], latched, "latched after a damaged journal")
         equal(manager.lease().term, 3, "term after a damaged journal")
 
 
-def a_restart_remembers_the_phase_and_who_was_failed() -> None:
+def a_restart_remembers_the_phase_and_the_failed_pes() -> None:
     """A PE that the operator has failed stays out, and the phase is the one that was entered."""
     first = ManagerUnderTest(example("phases")).flies()
     phases = list(first.spec.phases)
@@ -183,14 +187,14 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     disk.opened()  # a restart before this one has made it short
     manager = ManagerUnderTest(first.spec, disk=disk)
     manager.run(800)
-    equal(manager.asked()[-1].now.phase, phases[1], "phase after a restart")
-    demand(f"pe:{failed}" in manager.asked()[-1].now.down, "who was failed is planned with")
-    demand(all(manager.pes[failed].node not in alive.nodes for _, alive in manager.said(Alive)), "it is counted on")
+    equal(manager.plan_requests()[-1].now.phase, phases[1], "phase after a restart")
+    demand(f"pe:{failed}" in manager.plan_requests()[-1].now.down, "a failed PE is planned with")
+    demand(all(manager.pes[failed].node not in alive.nodes for _, alive in manager.said(Alive)), "it is available")
     equal(_status(manager)["phase"], phases[1], "phase in the status")
 
 
 def what_is_cleared_at_a_restart_is_started() -> None:
-    """A module that its PE has stopped, cleared while the new reign still waits for somebody: an epoch follows."""
+    """A module that its PE has stopped, cleared while the new mastership still waits for a PE: an epoch follows."""
     first = ManagerUnderTest(example("radio_link"))
     first.run(1500)
     running = best_plan(first.spec, Situation(), None).configuration.modules
@@ -206,7 +210,7 @@ def what_is_cleared_at_a_restart_is_started() -> None:
         manager.pes["ground"].speaks = False
         manager.run(300)
         if clears:
-            equal(manager.asked(), [], "plans asked for while somebody is waited for")
+            equal(manager.plan_requests(), [], "plans requested while a PE is waited for")
             demand(manager.accept(ClearElement(f"module:{name}")).done, "it cannot be cleared")
         manager.pes["ground"].speaks = is_back
         manager.run(2000)
@@ -228,14 +232,14 @@ def a_restart_remembers_what_was_cleared() -> None:
     manager = ManagerUnderTest(disk=_copy(first))
     manager.run(400)
     equal(_status(manager)["latched"], [], "latched after a restart")
-    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "counted on after a restart")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "available after a restart")
 
 
 def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
-    """Where what runs fits the new share nothing is asked for; where it does not, a plan is."""
+    """Where what runs fits the new share no plan is requested; where it does not, one is."""
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
-    asked = len(manager.asked())
+    before = len(manager.plan_requests())
     bits = _status(manager)["buses"]["radio"]["bits_per_s"]
     radio = manager.spec.buses["radio"]
     for sequence, usable in enumerate((1000, 1000, 700, 700, 300, 300, 15, 15)):
@@ -246,10 +250,10 @@ def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
         step = next(one for one in (1000, 600, 250, 0) if one <= usable)
         room = radio.bitrate * step / 1000 * float(radio.max_load - radio.reserve)
         fits = bits <= room or not (sequence % 2)
-        equal(len(manager.asked()) > asked, not fits, f"a plan is asked for at {usable}, for {bits} bit/s")
+        equal(len(manager.plan_requests()) > before, not fits, f"a plan is requested at {usable}, for {bits} bit/s")
 
 
-def tables_say_what_the_spec_says() -> None:
+def tables_hold_what_the_spec_says() -> None:
     """Of every PE of every example: where it is, what may run there, and under which identifiers."""
     for name in ("demux_actuators", "radio_link", "n_version", "replicated_bus", "phases", "elevator_and_chute"):
         spec = example(name)
@@ -312,24 +316,24 @@ def _verify_table(spec: Spec, pe: str) -> None:
 
 
 def slices_bring_a_source_to_every_reader_once() -> None:
-    """By its producer and the gateways on the way; no bus is told it twice, and none that leads to no reader."""
+    """From its producer over the gateways on the way; no bus carries it twice, and none that leads to no reader."""
     for name in ("radio_link", "n_version", "big_blue"):
         spec = example(name)
         slices = _slices(spec)
-        told: Counter[tuple[int, str]] = Counter()  # how many say a source on a bus
+        told: Counter[tuple[int, str]] = Counter()  # how many PEs send a source on a bus
         for pe, part in slices.items():
             masks = [*part.publish.items(), *((source, mask) for source, (_, mask) in part.forward.items())]
             told.update((source, bus) for source, mask in masks for bus in _buses(spec, pe, mask))
-        demand(set(told.values()) == {1}, f"of {name} some source is said twice on a bus: {told}")
-        asked = set()
+        demand(set(told.values()) == {1}, f"of {name} some source is sent twice on a bus: {told}")
+        read = set()
         for pe, part in slices.items():
             for source in (*part.remote, *part.forward):
                 heard = [(source, bus) for bus in spec.pes[pe].buses if (source, bus) in told]
                 out = set(_buses(spec, pe, part.forward.get(source, (0, 0))[1]))
                 inward = [one for one in heard if one[1] not in out]
                 equal(len(inward), 1, f"buses on which {pe} hears source {source}, of {name}")
-                asked.update(inward)
-        equal(asked, set(told), f"what is read or handed on, of {name}")
+                read.update(inward)
+        equal(read, set(told), f"what is read or handed on, of {name}")
 
 
 def _slices(spec: Spec) -> dict[str, Slice]:
@@ -348,10 +352,10 @@ def _buses(spec: Spec, pe: str, mask: int) -> list[str]:
     return [bus for port, bus in enumerate(spec.pes[pe].buses) if mask >> port & 1]
 
 
-def its_events_tell_the_story() -> None:
-    """Of a reconfiguration from the loss on, in order, with its causes and times."""
+def events_tell_the_course_of_a_reconfiguration() -> None:
+    """From the loss on, in order, with its causes and times."""
     manager = ManagerUnderTest().flies()
-    manager.pes["tail_b"].speaks = False  # without which all goes on: no cause of what comes later
+    manager.pes["tail_b"].speaks = False  # it runs nothing, so its loss causes nothing that comes later
     manager.run(300)
     manager.pes["tail_b"].speaks = True
     manager.run(400)

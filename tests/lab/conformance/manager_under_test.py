@@ -1,6 +1,6 @@
-"""One real manager, and its PEs played by the book: they speak, stage, take steps and answer, until told otherwise.
+"""One real manager, and its PEs played by the test: they send, stage, take steps and answer, until told otherwise.
 
-What the manager's planner answers, and when, is the drill's to say (`planning`): at once and rightly by default.
+The test decides what the manager's planner answers, and when (`planning`): immediately and rightly by default.
 """
 
 from collections.abc import Callable, Mapping
@@ -56,13 +56,13 @@ def example(name: str) -> Spec:
 
 @dataclass(eq=False)
 class PlayedPe:
-    """A PE that does what it should, as far as it is let."""
+    """A PE that does what it should, as far as the test lets it."""
 
     name: str
     node: int
     say: Callable[[Frame], None]
     speaks: bool = True
-    hears: bool = True  # LEASE; it says so
+    hears: bool = True  # LEASE, and reports that
     stages: bool = True  # answers PREPARE and SLICE
     steps: bool = True  # takes steps
     holds: bool = False  # has a new branch of a DEMUX, so that it is PARTIAL at GO
@@ -80,25 +80,25 @@ class PlayedPe:
     _staged: tuple[int, int] = (NO_EPOCH, 0)
 
     def beat(self) -> None:
-        """Say its page 0."""
+        """Send its page 0."""
         if self.speaks:
             self.say(Frame(state_id(self.node), self.page_0().encode()))
             self.sequence = (self.sequence + 1) % 256
 
     def page_0(self) -> StatePage0:
-        """What it says of itself."""
+        """Give the page 0 that it sends."""
         flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
         return StatePage0(self.state, flags, self.incarnation, self.epoch, self.sequence, self.digest)
 
     def answer(self, reason: Reason = Reason.NONE) -> None:
-        """Say page 1 about the epoch asked for last."""
-        asked = NO_EPOCH if self._prepare is None else self._prepare.epoch
-        staged = self._staged if self._staged[0] == asked else (asked, 0)
+        """Send page 1 on the epoch of the last PREPARE."""
+        epoch = NO_EPOCH if self._prepare is None else self._prepare.epoch
+        staged = self._staged if self._staged[0] == epoch else (epoch, 0)
         flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
         self.say(Frame(state_id(self.node), StatePage1(self.state, flags, *staged, reason, 0).encode()))
 
     def reboot(self) -> None:
-        """Begin anew."""
+        """Begin anew, as the next incarnation."""
         self.incarnation += 1
         self.state, self.epoch, self.digest, self.runs = PeState.UNCONFIGURED, NO_EPOCH, 0, (0, 0)
         self._staged, self._prepare = (NO_EPOCH, 0), None
@@ -111,7 +111,7 @@ class PlayedPe:
         """Take a command."""
         match message:
             case Prepare():
-                self._asked(message)
+                self._take_prepare(message)
             case SliceHead(node) if node == self.node:
                 self._head = message
                 self._stage()
@@ -123,7 +123,7 @@ class PlayedPe:
             case Ping(node=node) if node in (0, self.node):
                 self.beat()
 
-    def _asked(self, prepare: Prepare) -> None:
+    def _take_prepare(self, prepare: Prepare) -> None:
         wanted, before = (prepare.epoch, prepare.digest), self._prepare
         if before is not None and before.term == prepare.term and is_newer(before.epoch, prepare.epoch):
             self.answer(Reason.STALE_EPOCH)
@@ -163,33 +163,33 @@ class PlayedPe:
         self.beat()
 
 
-class _DrillsPlanner(PlanningDriver):
-    """One planner behind the policy, which does what the drill says."""
+class _PlayedPlanner(PlanningDriver):
+    """One planner behind the policy, which does what the test decides."""
 
     def __init__(self, manager: "_Manager", clock: Clock, spec: Spec) -> None:
         super().__init__(clock, spec, Planners.BEST, None, decide_ns=lambda: MS, tell=manager.tell)
         self._manager = manager
 
-    def ask_planner(self, asked: RequestPlan) -> None:
-        self._manager.asked.append(asked)
-        answer = self._manager.planning(asked)
+    def ask_planner(self, request: RequestPlan) -> None:
+        self._manager.plan_requests.append(request)
+        answer = self._manager.planning(request)
         if answer is not None:
             self.answer(MS, PlannerAnswered(answer))
 
 
 class _Manager(SimulatedManager):
-    """A manager whose planner does what the drill says."""
+    """A manager whose planner does what the test decides."""
 
     planning: Callable[[RequestPlan], PlanReady | PlanFailed | None]
-    asked: list[RequestPlan]
+    plan_requests: list[RequestPlan]
 
     def tell(self, event: ManagerEvent | FromPlanner) -> None:
-        """Hand something to the core."""
+        """Give the core an event."""
         self._told(event)
 
 
 class ManagerUnderTest(UnderTest):
-    """The manager and its aircraft."""
+    """The manager under test, and its aircraft."""
 
     def __init__(
         self,
@@ -203,7 +203,7 @@ class ManagerUnderTest(UnderTest):
         disk: Disk | None = None,
         contingencies: int | None = None,
     ) -> None:
-        """Start it; the PEs speak from now on."""
+        """Start the manager; the PEs send from now on."""
         self.spec = spec = example("demux_actuators") if spec is None else spec
         super().__init__(PERIOD_NS)
         self.node = node
@@ -238,18 +238,18 @@ class ManagerUnderTest(UnderTest):
             ahead=ahead,
             witness=lambda _: None,
         )
-        manager.planning_driver = _DrillsPlanner(manager, self.clock, self.spec)
-        manager.planning, manager.asked = self.plans, []
+        manager.planning_driver = _PlayedPlanner(manager, self.clock, self.spec)
+        manager.planning, manager.plan_requests = self.plans, []
         return manager
 
-    def plans(self, asked: RequestPlan) -> PlanReady | PlanFailed | None:
-        """Give the best plan."""
-        return PlanReady(asked.request, best_plan(self.spec, asked.now, asked.running))
+    def plans(self, request: RequestPlan) -> PlanReady | PlanFailed | None:
+        """Answer a request with the best plan."""
+        return PlanReady(request.request, best_plan(self.spec, request.now, request.running))
 
     @staticmethod
-    def fails(asked: RequestPlan) -> PlanReady | PlanFailed | None:
-        """Give none."""
-        return PlanFailed(asked.request, "told to fail")
+    def fails(request: RequestPlan) -> PlanReady | PlanFailed | None:
+        """Answer a request with a failure."""
+        return PlanFailed(request.request, "told to fail")
 
     def _beat(self, pe: PlayedPe) -> None:
         pe.beat()
@@ -265,20 +265,20 @@ class ManagerUnderTest(UnderTest):
             pe.take(message)
 
     def validate(self) -> None:
-        """Of its core, while it runs."""
+        """Validate the manager's core, while it runs."""
         if self.manager.running:
             self.manager.core.validate()
 
     def flies(self) -> "ManagerUnderTest":
-        """Let the first configuration be brought about; gives this."""
+        """Let the first configuration be deployed; gives this object."""
         self.run(600)
-        demand(bool(self.told("reconfigured")), "no configuration is brought about")
+        demand(bool(self.told("reconfigured")), "no configuration is deployed")
         return self
 
-    # What it says
+    # What it sends
 
     def said(self, kind: type[ManagementMessage], since_ns: int = -1) -> list[tuple[int, Any]]:
-        """Its commands of a kind, and when they came."""
+        """Its commands of a kind, with their times, in nanoseconds."""
         return [(t_ns, message) for t_ns, message in self.hears if isinstance(message, kind) and t_ns > since_ns]
 
     def told(self, event: str, since_ns: int = -1) -> list[dict[str, Any]]:
@@ -296,24 +296,24 @@ class ManagerUnderTest(UnderTest):
         assert isinstance(lease, Lease)
         return lease
 
-    def asked(self, since: int = 0) -> list[RequestPlan]:
-        """What its planner was asked."""
-        return self.manager.asked[since:]
+    def plan_requests(self, since: int = 0) -> list[RequestPlan]:
+        """The requests that its planner got."""
+        return self.manager.plan_requests[since:]
 
     def accept(self, order: Order) -> Reply:
-        """Give an order; gives the answer."""
+        """Give the manager an order; returns its reply."""
         reply = self.manager.say(order)
         demand(reply.status is not None or len(reply.sentence) > 10, f"{order} is answered with '{reply.sentence}'")
         return reply
 
     def heard(self, since_ns: int, *commands: Command) -> list[Heard]:
-        """Frames of commands."""
+        """Frames of commands, with their times, in nanoseconds."""
         return self.main.since(since_ns, [management_id(self.node, command) for command in commands])
 
-    # What others say
+    # What others send
 
     def emergency(self, pe: str, kind: ElementKind, index: int, detail: int = 0, code: FaultCode | None = None) -> None:
-        """Let a PE report something."""
+        """Let a PE send an EMCY."""
         said = Emergency(FaultCode.REPORTED if code is None else code, 0x81, kind, index, detail)
         self.main.say(Frame(emcy_id(self.pes[pe].node), said.encode()))
 
@@ -322,7 +322,7 @@ class ManagerUnderTest(UnderTest):
         return [message for _, message in self.said(Control, since_ns)]
 
     def until(self, holds: Callable[[], bool], within_ms: float, what: str) -> int:
-        """Let time pass until something holds; gives the moment."""
+        """Let time pass until something holds; gives the moment, in nanoseconds."""
         end_ns = self.now_ns + round(within_ms * MS)
         while not holds():
             demand(self.now_ns < end_ns, f"within {within_ms} ms {what}")
@@ -331,7 +331,7 @@ class ManagerUnderTest(UnderTest):
 
 
 def remembering(spec: Spec, memory: Memory = NOTHING) -> Disk:
-    """A disk on which a manager finds this."""
+    """A disk on which a manager finds this memory."""
     disk = Disk(spec)
     for record in memory.records():
         disk.write(record, 0)

@@ -1,4 +1,4 @@
-"""A plan that was made at once flies first; the best one is asked for when that is done, and taken where it counts."""
+"""A plan that was made immediately flies first; the best one is requested then, and taken where it counts."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 0
 
 
 def fly(manager: OneManager, made: Plan) -> None:
-    """Answer the last request with a plan, and let every PE do it."""
+    """Answer the last request with a plan, and let every PE run it."""
     manager.give(PlanReady(manager.requests[-1].request, made))
     for pe in manager.spec.pes:
         manager.stage(pe)
@@ -28,17 +28,17 @@ def fly(manager: OneManager, made: Plan) -> None:
 
 
 def best(manager: OneManager) -> Plan:
-    asked = manager.requests[-1]
-    return plan(manager.spec, Situation(asked.now.down), asked.running)
+    request = manager.requests[-1]
+    return plan(manager.spec, Situation(request.now.down), request.running)
 
 
 def as_good(manager: OneManager) -> Plan:
-    """A plan made at once that happens to be the best."""
+    """A plan made immediately that happens to be the best."""
     return replace(best(manager), optimal=False)
 
 
 def nothing_at_all(manager: OneManager) -> Plan:
-    """A plan made at once that is legal, and no more than that."""
+    """A plan made immediately that is legal, and no more than that."""
     now = Situation(manager.requests[-1].now.down)
     objective = score(manager.spec, now, Configuration(), None)
     return make_plan(manager.spec, now, Configuration(), objective, optimal=False)
@@ -54,15 +54,15 @@ def manager() -> OneManager:
 def test_a_best_plan_that_is_no_better_where_it_counts_interrupts_nothing(manager: OneManager) -> None:
     made = as_good(manager)
     fly(manager, made)
-    asked = manager.requests[-1]
-    assert asked.in_background
-    assert asked.running == placement(made.configuration)
+    request = manager.requests[-1]
+    assert request.in_background
+    assert request.running == placement(made.configuration)
     elsewhere = replace(made, objective=replace(made.objective, changes=0, bus_mbit_per_s=0, cpu_millis=0))
-    actions = manager.give(PlanReady(asked.request, elsewhere))
+    actions = manager.give(PlanReady(request.request, elsewhere))
     assert manager.events[-1]["event"] == "plan_kept"
     assert [type(action) for action in actions if isinstance(action, Settled)] == [Settled]
     assert len(manager.of("epoch_prepared")) == 1
-    assert manager.requests[-1] is asked
+    assert manager.requests[-1] is request
 
 
 def test_a_better_one_takes_the_place_of_what_runs(manager: OneManager) -> None:
@@ -72,7 +72,7 @@ def test_a_better_one_takes_the_place_of_what_runs(manager: OneManager) -> None:
     told = manager.last("reconfigured")
     assert told["causes"] == ["a better plan"]
     assert "control" in told["started"]
-    assert len(manager.requests) == 2  # it is the best: nobody asks again
+    assert len(manager.requests) == 2  # it is the best: there is no further request
 
 
 def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
@@ -83,10 +83,10 @@ def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
     assert manager.events[-1]["event"] == "plan_unchanged"  # taken; and as it happens nothing has to be done for it
 
 
-def test_it_is_asked_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
+def test_the_best_plan_is_requested_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
     fly(manager, as_good(manager))
-    assert [asked.in_background for asked in manager.requests] == [False, True]
+    assert [request.in_background for request in manager.requests] == [False, True]
 
 
 def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
@@ -101,11 +101,11 @@ def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
     assert manager.requests[-1].in_background
 
 
-def test_no_answer_is_left_at_that(manager: OneManager) -> None:
+def test_a_failure_leads_to_no_second_request(manager: OneManager) -> None:
     fly(manager, as_good(manager))
-    asked = manager.requests[-1]
-    actions = manager.give(PlanFailed(asked.request, "it was killed"))
+    request = manager.requests[-1]
+    actions = manager.give(PlanFailed(request.request, "it was killed"))
     assert any(isinstance(action, Settled) for action in actions)
     manager.pass_time(PLAN_AGAIN_NS + 100 * MS)
-    assert manager.requests[-1] is asked
-    assert manager.give(PlanFailed(asked.request, "it was killed")) == []
+    assert manager.requests[-1] is request
+    assert manager.give(PlanFailed(request.request, "it was killed")) == []
