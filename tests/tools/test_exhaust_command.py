@@ -25,24 +25,24 @@ def test_every_story_that_reconfigures_is_injected_in_every_way_by_everybody() -
     cases = {story: single_cases(spec, story) for story in stories(spec)}
     idle = {story for story, found in cases.items() if not found}
     assert idle == {"raise module:servo_driver_2", "clear module:servo_driver_2"}  # it does not run
-    blows = {(blow.kind, blow.victim) for found in cases.values() for case in found for blow in case.blows}
+    faults = {(fault.kind, fault.victim) for found in cases.values() for case in found for fault in case.faults}
     nodes = {"manager", "pe:flight", "pe:tail_a", "pe:tail_b"}
-    assert {kind for kind, _ in blows} == set(KINDS)
-    assert {victim for kind, victim in blows if kind == "lost"} == nodes | {"everybody"}
-    assert {victim for kind, victim in blows if kind == "crash"} == nodes
+    assert {kind for kind, _ in faults} == set(KINDS)
+    assert {victim for kind, victim in faults if kind == "lost"} == nodes | {"everybody"}
+    assert {victim for kind, victim in faults if kind == "crash"} == nodes
     assert sum(map(len, cases.values())) > 30_000
 
 
 def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_injected() -> None:
     spec, two = load(FILE), Setup(standby=True)
     assert stories(spec, two) == [*stories(spec), "takeover"]
-    blows = {(blow.kind, blow.victim) for case in single_cases(spec, "takeover", two) for blow in case.blows}
-    assert {victim for kind, victim in blows if kind == "crash"} == {
+    faults = {(fault.kind, fault.victim) for case in single_cases(spec, "takeover", two) for fault in case.faults}
+    assert {victim for kind, victim in faults if kind == "crash"} == {
         "primary",
         "standby",
         *(f"pe:{p}" for p in spec.pes),
     }
-    assert {victim for kind, victim in blows if kind == "death"} == {"primary", *(f"pe:{pe}" for pe in spec.pes)}
+    assert {victim for kind, victim in faults if kind == "death"} == {"primary", *(f"pe:{pe}" for pe in spec.pes)}
 
 
 @pytest.mark.parametrize("how", mostly_soak(HOWS, HOWS[-1:]))
@@ -189,12 +189,12 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     ],
 )
 def test_a_blow_that_somebody_names_and_that_injects_nobody_fails(
-    blows: str, capsys: pytest.CaptureFixture[str]
+    faults: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {blows}"]) == 1
+    assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {faults}"]) == 1
     told = [line for line in capsys.readouterr().out.splitlines() if "VIOLATION" in line]
     assert len(told) == 1
-    assert f"missed: '{blows.rsplit(', ', maxsplit=1)[-1]}' did not strike: there was no such frame" in told[0]
+    assert f"missed: '{faults.rsplit(', ', maxsplit=1)[-1]}' did not strike: there was no such frame" in told[0]
 
 
 def test_no_flights_show_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -35,7 +35,7 @@ def injected(simulation: Simulation, *texts: str) -> Injections:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_fault_injects_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
     specs = {"gateway": big_blue, "far_bus": big_blue, "phase": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
-    spec = specs.get(KINDS[kind].injections, two_tails)()
+    spec = specs.get(KINDS[kind].target_kind, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
     level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""

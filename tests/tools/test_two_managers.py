@@ -44,7 +44,7 @@ def flying(seed: int = 1, key: Key | None = None) -> Simulation:
 
 
 @pytest.mark.parametrize("target", mostly_soak(["manager", "primary", "standby"], ["primary"]))
-@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.injections == MANAGER])
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.target_kind == MANAGER])
 def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind: str, target: str) -> None:
     outcome = flight(f"0.1 {kind} {target} for 0.4")
     assert outcome.violations == ()
@@ -283,10 +283,10 @@ def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
 def test_the_state_of_the_protocol_knows_that_nobody_is_active() -> None:
     protocol = ProtocolState(Clock())
     protocol.take({"event": "plan_requested"})
-    protocol.had_mastership(by_somebody=False)
-    protocol.had_mastership(by_somebody=False)
+    protocol.set_active_manager(is_heard=False)
+    protocol.set_active_manager(is_heard=False)
     assert (protocol.now, protocol.entered["orphaned"]) == ("orphaned", 1)
-    protocol.had_mastership(by_somebody=True)
+    protocol.set_active_manager(is_heard=True)
     assert protocol.now == "planning"
     protocol.take({"event": "taken_over"})
     assert protocol.now == "idle"

@@ -1,4 +1,4 @@
-"""CANopen's NMT and heartbeat (CiA 301, 7.2.8): refused in flight, obeyed on a desk; the time of the heartbeat."""
+"""CANopen's NMT and heartbeat (CiA 301, 7.2.8): refused in flight, executed on a desk; the time of the heartbeat."""
 
 from heronry_tools.sim.world.inspection.topic import (
     BOOT_UP,
@@ -23,10 +23,10 @@ _WAIT_NS = 100 * MS
 
 
 class Nmt(Topic):
-    """Commands the node."""
+    """Commands the node by NMT, and verifies its heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
-        """Its heartbeat comes as often as it is told; never, if it is told 0."""
+        """The heartbeat comes as often as object 1017h says; never, if it says 0."""
         for time_ms in (SHORT_MS, 0, SLOW_MS, HEARTBEAT_MS):
             found = yield from self._sdo.download(HEARTBEAT_TIME, 0, time_ms.to_bytes(2, "little"))
             demand(found is None, f"a heartbeat time of {time_ms} ms is refused: {found}")
@@ -34,7 +34,7 @@ class Nmt(Topic):
             yield from self.beats_every(time_ms)
 
     def in_flight(self) -> Talk[None]:
-        """Nothing is obeyed: the heart beats on, and says that it is operational."""
+        """No command is executed: the heartbeat goes on, and says that the PE is operational."""
         for command in (_STOP, _ENTER_PRE_OPERATIONAL, _RESET, _RESET_COMMUNICATION, _START, 77):
             for node in (self._node, BROADCAST):
                 yield Frame(NMT_ID, bytes((command, node))), -1, 2 * MS
@@ -45,7 +45,7 @@ class Nmt(Topic):
         demand(said == {OPERATIONAL}, f"after NMT commands in flight its heartbeat says {said}")
 
     def on_a_desk(self) -> Talk[None]:
-        """Every command works, and only where it is meant for this node."""
+        """Every command is executed, but only where it is addressed to this node."""
         yield from self._sdo.download(HEARTBEAT_TIME, 0, SHORT_MS.to_bytes(2, "little"))
         yield from self._commanded(_START, self._node, [OPERATIONAL])
         yield from self._commanded(_STOP, self._node + 1, [OPERATIONAL])
