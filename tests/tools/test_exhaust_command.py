@@ -180,7 +180,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
 
 
 @pytest.mark.parametrize(
-    "blows",
+    "faults",
     [
         "999999 lost pe:flight",
         "3 crash pe:tail_b, 999999 crash manager",

@@ -243,7 +243,7 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
 ) -> None:
     body = "at 1s pause pe:tail_a for 10ms in preparing\nexpect epoch unchanged\nend 6s\n"
     assert main(["scenario", str(written(tmp_path, body))]) == 1
-    assert "did not strike so (what did: pause in idle); try another seed" in capsys.readouterr().out
+    assert "was not injected so (what was: pause in idle); try another seed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -278,12 +278,12 @@ def beats(check: ServiceCheck, pes: frozenset[str], period_ns: int = 20 * MS) ->
         check.alive(5 * S - before * period_ns + MS, pes)
 
 
-def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, had_mastership: bool = False) -> list[str]:
+def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, begins_mastership: bool = False) -> list[str]:
     """What the oracle says of an epoch that serves nothing, called by number at 5 s, at the next ALIVE."""
     beats(service, PES)
     service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3))
     assert service.violations == []
-    if had_mastership:
+    if begins_mastership:
         service.began(alive_ns)
     service.alive(alive_ns, pes)
     return [violation.story for violation in service.violations]
@@ -298,7 +298,7 @@ def test_a_pe_that_is_not_available_takes_no_part_even_if_that_is_told_later(ser
 
 
 def test_the_pes_that_took_part_are_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
-    assert called(service, 5 * S + 15 * MS, PES, had_mastership=True) == []
+    assert called(service, 5 * S + 15 * MS, PES, begins_mastership=True) == []
     assert called(service, 6 * S, PES) == []
 
 
