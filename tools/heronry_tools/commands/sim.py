@@ -76,7 +76,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="how many seeds, one after the other")
+    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="number of seeds, one after the other")
     parser.add_argument(
         "--seconds",
         type=seconds,
@@ -87,17 +87,21 @@ def add_parsers(subparsers: Any) -> None:
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
     parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw faults of this kind alone")
-    parser.add_argument("--act", action="append", default=[], metavar="ACT", help="inject this instead of drawn faults")
+    parser.add_argument(
+        "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
+    )
     parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one fault a line")
     parser.add_argument(
         "--kill",
         action="append",
         default=[],
         metavar="pe:NAME@S",
-        help="kill a PE at S, or a manager: manager, primary or standby",
+        help="kill a PE at second S, or a manager: manager, primary or standby",
     )
-    parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again at S")
-    parser.add_argument("--standby", action="store_true", help="two managers, and the faults of two: see below")
+    parser.add_argument(
+        "--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again at second S"
+    )
+    parser.add_argument("--standby", action="store_true", help="two managers, and their faults: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
     parser.add_argument(
         "--foreseen",

@@ -79,7 +79,7 @@ class Kind:
         # element (that the operator may fail), latched, phase
     )
     lasts_ms: tuple[int, int]
-    tells: str
+    description: str
     for_good: float = 0.0  # how often it does not end
     levels: tuple[int, ...] = (0,)
     unpromised: frozenset[str] = frozenset()  # rules of the oracles
@@ -294,7 +294,7 @@ def read_fault(spec: Spec, text: str) -> Fault:
     level = int(match["level"]) if match["level"] else kind.levels[0]
     lowest, highest = LEVELS.get(match["kind"], (0, 0))
     if not lowest <= level <= highest:
-        bounds = f"a level from {lowest} to {highest}: {kind.tells}" if highest else "no level; leave it out"
+        bounds = f"a level from {lowest} to {highest}: {kind.description}" if highest else "no level; leave it out"
         raise UserError(f"'{text}': {match['kind']} has {bounds}")
     return Fault(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level

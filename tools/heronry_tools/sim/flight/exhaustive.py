@@ -39,7 +39,7 @@ from heronry_tools.sim.world.node import Node
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 
-EVERYBODY = "everybody"
+ALL_NODES = "everybody"
 KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
 
 _SEATS = ("primary", "standby")
@@ -145,7 +145,7 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     there = stories(spec, setup)
     if story not in there:
         raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
-    victims = [EVERYBODY, *setup.nodes(spec)]
+    victims = [ALL_NODES, *setup.nodes(spec)]
     return Case(story, tuple(_read_frame_fault(victims, fault) for fault in faults.split(", ")), setup, named=True)
 
 
@@ -157,7 +157,7 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
         injector = _FrameFaultInjector(simulation, case.faults, injections.injected)
         _fly(simulation)
         targets = [case.story.partition(" ")[2] or MANAGER]
-        targets += [fault.victim if fault.kind in _DEATHS else EVERYBODY for fault in case.faults]
+        targets += [fault.victim if fault.kind in _DEATHS else ALL_NODES for fault in case.faults]
         violations = end_flight(simulation, injections, targets)
         missed = injector.missed() if case.named else ()
         return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]
@@ -181,7 +181,7 @@ def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
         raise UserError(f"'{text}' is no fault of a frame; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
-    if match["kind"] in _DEATHS and match["victim"] == EVERYBODY:
+    if match["kind"] in _DEATHS and match["victim"] == ALL_NODES:
         raise UserError(f"'{text}': one node dies at a time; name it: {', '.join(victims[1:])}")
     return FrameFault(int(match["number"]), match["kind"], match["victim"])
 
@@ -213,7 +213,7 @@ def _done_ns(simulation: Simulation) -> list[int]:
 
 def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFault]:
     for number, sender in enumerate(senders):
-        receivers = [EVERYBODY, *(node for node in nodes if node != sender)]
+        receivers = [ALL_NODES, *(node for node in nodes if node != sender)]
         yield from (FrameFault(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
         yield from (FrameFault(number, "crash", victim) for victim in nodes)
         yield from (FrameFault(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
@@ -309,7 +309,7 @@ class _FrameFaultInjector:
         if fault.kind not in _DEATHS:
             self._injected.append(Injected(None, now_ns, now_ns))
         if fault.kind in ("lost", "doubled"):
-            receiver = None if fault.victim == EVERYBODY else self._station_name(fault.victim)
+            receiver = None if fault.victim == ALL_NODES else self._station_name(fault.victim)
             return Tampering(0 if fault.kind == "lost" else 2, receiver)
         if fault.kind.startswith("late-"):
             delay_ns = int(fault.kind.partition("-")[2]) * MS
@@ -324,11 +324,11 @@ class _FrameFaultInjector:
         nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.fleet.running.items()}
         names = {FIRST_MANAGER: MANAGER} if not managers.are_two else {MANAGERS[one]: one for one in _SEATS}
         nodes |= {names[seat]: manager for seat, manager in managers.running.items()}
-        return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
+        return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
         """Name of a victim's station; empty where it does not run, or where the victim is every node."""
-        if victim == EVERYBODY:
+        if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):
             return victim.removeprefix("pe:")

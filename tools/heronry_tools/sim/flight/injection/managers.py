@@ -8,7 +8,7 @@ from heronry_tools.sim.flight.injection.inject import End, Inject, loosen, nothi
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 
-_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # PEs with a key take a manager that counts again for a replay
+_OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key take a manager that counts again for a replay
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
@@ -32,7 +32,7 @@ def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inje
 def _dies(simulation: Simulation, seat: int, torn: Random | None) -> End:
     managers = simulation.managers
     if managers.running[seat].disk.problem is not None and simulation.key is not None:
-        simulation.waivers.begin(_OF_WHO_COUNTS_AGAIN, simulation.now_ns)
+        simulation.waivers.begin(_OF_REPLAYED_COUNTERS, simulation.now_ns)
     managers.kill(seat, torn=torn)
     return lambda: managers.start(seat) if seat > 0 and seat not in managers.running else None
 

@@ -115,10 +115,10 @@ def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[]
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state
-    demand(bool(heard.heartbeats), "its heartbeat is not heard")
+    demand(bool(heard.heartbeats), "the heartbeat is not heard")
     is_flying = heard.pages_0[-1][1].epoch != NO_EPOCH
-    said = heard.heartbeats[-1][1]
-    demand(said == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"its heartbeat says {said}")
+    reported = heard.heartbeats[-1][1]
+    demand(reported == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"the heartbeat says {reported}")
     yield from objects.constants()
     yield from objects.present_state(is_flying=is_flying)
     yield from objects.long_texts()

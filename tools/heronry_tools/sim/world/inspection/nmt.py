@@ -23,7 +23,7 @@ _WAIT_NS = 100 * MS
 
 
 class Nmt(Topic):
-    """Commands the node by NMT, and verifies its heartbeat."""
+    """Commands the node by NMT, and verifies the heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
         """The heartbeat comes as often as object 1017h says; never, if it says 0."""
@@ -41,8 +41,8 @@ class Nmt(Topic):
         yield Frame(NMT_ID, bytes((_STOP,))), -1, 2 * MS
         self._heard.heartbeats.clear()
         yield from self.wait(HEARTBEAT_MS + 20)
-        said = {value for _, value in self._heard.heartbeats}
-        demand(said == {OPERATIONAL}, f"after NMT commands in flight its heartbeat says {said}")
+        states = {value for _, value in self._heard.heartbeats}
+        demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat says {states}")
 
     def on_a_desk(self) -> Talk[None]:
         """Every command is executed, but only where it is addressed to this node."""
@@ -63,8 +63,8 @@ class Nmt(Topic):
             yield from self.read(HEARTBEAT_TIME, 0, HEARTBEAT_MS)
             yield from self._commanded(_ENTER_PRE_OPERATIONAL, self._node, [PRE_OPERATIONAL], HEARTBEAT_MS)
 
-    def _commanded(self, command: int, node: int, said: list[int], time_ms: int = SHORT_MS) -> Talk[None]:
+    def _commanded(self, command: int, node: int, states: list[int], time_ms: int = SHORT_MS) -> Talk[None]:
         self._heard.heartbeats.clear()
         yield Frame(NMT_ID, bytes((command, node))), -1, (time_ms + 10) * MS
         heard = [value for _, value in self._heard.heartbeats]
-        demand(heard == said, f"after NMT command {command} to {node} its heartbeat says {heard}, and not {said}")
+        demand(heard == states, f"after NMT command {command} to {node} the heartbeat says {heard}, and not {states}")

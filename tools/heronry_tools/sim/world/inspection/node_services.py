@@ -65,8 +65,8 @@ class NodeServices(Topic):
     def _interval(self, identifier: int, time_ms: int, result: Result) -> Talk[None]:
         wanted = request(Service.TIS, self._node, data_type=DataType.SHORT2, value=(identifier, time_ms))
         answer = yield from self._service(wanted, 20)
-        said = None if answer is None else answer.datum.message_code
-        demand(said == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {said}")
+        code = None if answer is None else answer.datum.message_code
+        demand(code == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {code}")
 
     def _state_transmission(self) -> Talk[None]:
         """STS: both pages at once, but not more often than once in a heartbeat period."""

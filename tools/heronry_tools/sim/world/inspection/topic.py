@@ -56,9 +56,9 @@ class Topic:
             demand(times == [], "a heartbeat of 0 ms is heard")
             return
         gaps = [later - earlier for earlier, later in pairwise(times)]
-        demand(all(abs(gap - time_ms * MS) < 3 * MS for gap in gaps), f"its heartbeat comes after {gaps} ns")
+        demand(all(abs(gap - time_ms * MS) < 3 * MS for gap in gaps), f"the heartbeat comes after {gaps} ns")
         demand(
-            bool(times) and times[0] - begun_ns <= (time_ms + 3) * MS, f"its heartbeat of {time_ms} ms does not come"
+            bool(times) and times[0] - begun_ns <= (time_ms + 3) * MS, f"the heartbeat of {time_ms} ms does not come"
         )
 
 
