@@ -387,10 +387,10 @@ from pathlib import Path
 from heronry_dg.loader import load
 from heronry_manager.core.events import event
 from heronry_tools.reports.screen import screen
-from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.injections import Strikes
+from heronry_tools.sim.flight.injections import Injections
 show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
 show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
 """
