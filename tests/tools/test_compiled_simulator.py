@@ -32,7 +32,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """What Python says with the packages of a folder."""
+    """What Python prints with the packages of a folder."""
     env = environment(folder)
     return subprocess.run([sys.executable, "-P", *words], env=env, capture_output=True, text=True, check=False)
 
@@ -119,7 +119,7 @@ def test_a_process_goes_on_in_the_folder_that_is_there(cache: Path) -> None:
     assert "other sources of heronry come before" in done.stderr
 
 
-def test_what_nobody_has_used_for_long_is_thrown_away(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_copy_that_was_not_used_for_long_is_deleted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, age_s in (("used", 0), ("forgotten", 90 * 86_400)):
         (cache / name).mkdir(parents=True)
         os.utime(cache / name, (1_000_000_000 - age_s, 1_000_000_000 - age_s))

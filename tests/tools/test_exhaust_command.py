@@ -20,29 +20,29 @@ PHASES = Path("dg_specs/examples/phases.dg.yaml")
 HOWS = ["--standby", "--keyed --foreseen 1", "--standby --keyed --foreseen 1"]
 
 
-def test_every_story_that_reconfigures_is_injected_in_every_way_by_everybody() -> None:
+def test_every_story_that_reconfigures_gets_every_frame_fault_at_every_node() -> None:
     spec = load(FILE)
     cases = {story: single_cases(spec, story) for story in stories(spec)}
     idle = {story for story, found in cases.items() if not found}
     assert idle == {"raise module:servo_driver_2", "clear module:servo_driver_2"}  # it does not run
-    blows = {(blow.kind, blow.victim) for found in cases.values() for case in found for blow in case.blows}
+    faults = {(fault.kind, fault.victim) for found in cases.values() for case in found for fault in case.faults}
     nodes = {"manager", "pe:flight", "pe:tail_a", "pe:tail_b"}
-    assert {kind for kind, _ in blows} == set(KINDS)
-    assert {victim for kind, victim in blows if kind == "lost"} == nodes | {"everybody"}
-    assert {victim for kind, victim in blows if kind == "crash"} == nodes
+    assert {kind for kind, _ in faults} == set(KINDS)
+    assert {victim for kind, victim in faults if kind == "lost"} == nodes | {"everybody"}
+    assert {victim for kind, victim in faults if kind == "crash"} == nodes
     assert sum(map(len, cases.values())) > 30_000
 
 
-def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_injected() -> None:
+def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_a_victim() -> None:
     spec, two = load(FILE), Setup(standby=True)
     assert stories(spec, two) == [*stories(spec), "takeover"]
-    blows = {(blow.kind, blow.victim) for case in single_cases(spec, "takeover", two) for blow in case.blows}
-    assert {victim for kind, victim in blows if kind == "crash"} == {
+    faults = {(fault.kind, fault.victim) for case in single_cases(spec, "takeover", two) for fault in case.faults}
+    assert {victim for kind, victim in faults if kind == "crash"} == {
         "primary",
         "standby",
         *(f"pe:{p}" for p in spec.pes),
     }
-    assert {victim for kind, victim in blows if kind == "death"} == {"primary", *(f"pe:{pe}" for pe in spec.pes)}
+    assert {victim for kind, victim in faults if kind == "death"} == {"primary", *(f"pe:{pe}" for pe in spec.pes)}
 
 
 @pytest.mark.parametrize("how", mostly_soak(HOWS, HOWS[-1:]))
@@ -82,7 +82,7 @@ def test_phases_are_stories_too_by_the_operator_and_by_a_module() -> None:
         (PHASES, "request glide", {Operation.ACKNOWLEDGE, Operation.HOLDS}),
     ],
 )
-def test_what_is_told_of_faults_and_orders_is_injected_too(file: Path, story: str, told: set[Operation]) -> None:
+def test_frames_about_faults_and_orders_get_frame_faults_too(file: Path, story: str, told: set[Operation]) -> None:
     spec, heard = load(file), set[Operation]()
     simulation = PLAIN.take_off(spec)
     controls = {management_id(node, Command.CONTROL) for node in MANAGER_NODES}
@@ -143,7 +143,7 @@ def test_cases_are_flown_as_they_are_written_and_in_parallel_alike(capsys: pytes
     assert json.loads(capsys.readouterr().out) == alone
 
 
-def test_a_phase_that_is_entered_is_injected_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_phase_that_is_entered_is_a_story_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     case = "phase glide: 2 late-2 everybody, 3 lost pe:flight"
     assert main(["exhaust", "dg_specs/examples/phases.dg.yaml", "--case", case]) == 0
     assert capsys.readouterr().out == "1 stories, 1 flights (1 late-2, 1 lost), 0 failed\n"
@@ -163,7 +163,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     file = tmp_path / "raising.dg.yaml"
     file.write_text(
         text.replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
-    )  # and nobody is told
+    )  # and the oracle does not know
     case = "start: 5 doubled everybody"
     how = ["--standby", "--keyed", "--foreseen", "0"]
     assert main(["exhaust", str(file), *how, "--case", case]) == 1
@@ -180,7 +180,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
 
 
 @pytest.mark.parametrize(
-    "blows",
+    "faults",
     [
         "999999 lost pe:flight",
         "3 crash pe:tail_b, 999999 crash manager",
@@ -188,23 +188,21 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
         "0 doubled manager",  # which has sent it
     ],
 )
-def test_a_blow_that_somebody_names_and_that_injects_nobody_fails(
-    blows: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {blows}"]) == 1
+def test_a_named_frame_fault_that_is_not_injected_fails(faults: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {faults}"]) == 1
     told = [line for line in capsys.readouterr().out.splitlines() if "VIOLATION" in line]
     assert len(told) == 1
-    assert f"missed: '{blows.rsplit(', ', maxsplit=1)[-1]}' did not strike: there was no such frame" in told[0]
+    assert f"missed: '{faults.rsplit(', ', maxsplit=1)[-1]}' was not injected: there was no such frame" in told[0]
 
 
-def test_no_flights_show_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sample_of_no_flights_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["exhaust", str(FILE), "--sample", "0"]) == 2
     assert (
-        capsys.readouterr().err == "heronry: --sample 0: no flights show nothing; write 1 or more, or add --pairs N\n"
+        capsys.readouterr().err == "heronry: --sample 0: there is nothing to fly; write 1 or more, or add --pairs N\n"
     )
 
 
-def test_silence_without_need_is_judged_in_every_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_silence_without_need_is_seen_in_every_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "resting.dg.yaml"
     rests = '{image: "scenarios.raising:RestsForThreeSeconds", device: elevator_servo_'
     file.write_text(FILE.read_text().replace("{device: elevator_servo_", rests))

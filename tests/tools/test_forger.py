@@ -1,4 +1,4 @@
-"""Flights with a key, and somebody on the bus who does not have it."""
+"""Flights with a key, and an attacker on the bus without it."""
 
 from random import Random
 
@@ -18,7 +18,7 @@ FAULTS = ("0.1 attack bus:can0 for 3", "0.5 crash pe:tail_pe for 0.6", "1.5 mana
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_whatever_a_forger_says_every_pe_does_what_its_managers_have_said(seed: int) -> None:
+def test_every_pe_does_what_its_managers_have_sent_whatever_an_attacker_sends(seed: int) -> None:
     outcome = play(SPEC, Scenario(seed, 4.0, tuple(read_fault(SPEC, fault) for fault in FAULTS)))
     assert outcome.violations == ()
     assert outcome.hits.total() == len(FAULTS)
@@ -36,16 +36,16 @@ def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.Monkey
 def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
     simulation = Simulation(SPEC, 5, key=Key(bytes(32)), standby=True)
     simulation.run_for(3_000 * MS)
-    had_mastership = {pe.core.mastership.manager for pe in simulation.fleet.running.values()}
+    active = {pe.core.mastership.manager for pe in simulation.fleet.running.values()}
     simulation.managers.kill()
     simulation.run_for(1_000 * MS)
-    assert {pe.core.mastership.manager for pe in simulation.fleet.running.values()} == {126, 127} - had_mastership
+    assert {pe.core.mastership.manager for pe in simulation.fleet.running.values()} == {126, 127} - active
     assert simulation.settle() == []
     assert not simulation.events_of("pe_lost")
 
 
 @pytest.mark.parametrize(("key", "accepts"), [(Key(bytes(32)), False), (None, True)])
-def test_it_is_accepted_only_where_there_is_no_key(key: Key | None, accepts: bool) -> None:
+def test_a_forged_command_is_accepted_only_where_there_is_no_key(key: Key | None, accepts: bool) -> None:
     simulation = Simulation(SPEC, 3, key=key)
     simulation.run_for(2_000 * MS)
     forger = Forger(simulation.clock, simulation.wiring.buses["can0"], Random(1))

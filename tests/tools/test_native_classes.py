@@ -97,7 +97,7 @@ def test_what_is_made_anew_is_made_anew_each_time(native: Any) -> None:
     assert hash(one) != hash(other)
 
 
-def test_a_named_tuple_becomes_a_class_where_that_is_asked_for(native: Any) -> None:
+def test_a_named_tuple_becomes_a_class_on_request(native: Any) -> None:
     pair = native.Pair(1)
     assert (pair.total(), pair._replace(left=4), pair == native.Pair(1, 2)) == (3, native.Pair(4), True)
     assert not isinstance(pair, tuple)

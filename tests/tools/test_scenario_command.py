@@ -243,7 +243,7 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
 ) -> None:
     body = "at 1s pause pe:tail_a for 10ms in preparing\nexpect epoch unchanged\nend 6s\n"
     assert main(["scenario", str(written(tmp_path, body))]) == 1
-    assert "did not strike so (what did: pause in idle); try another seed" in capsys.readouterr().out
+    assert "was not injected so (what was: pause in idle); try another seed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
         ("at 1s manager_crash standby for 1s", 4, "there is one manager"),
         ("at 1s phase landing", 4, "no phase is named 'landing'"),
         ("at 1s fail device:gps", 4, "no device is named 'gps'"),
-        ("at 1s pause bus:can0", 4, "pause cannot strike bus:can0"),
+        ("at 1s pause bus:can0", 4, "pause cannot be injected into bus:can0"),
         ("at 90000s kill pe:tail_a", 4, "'90000s' is longer than a flight may be; write 86400s or less"),
         ("at 1s pause pe:tail_a for 100000s", 4, "'100000s' is longer than a flight may be"),
         ("at 1s pause pe:tail_a for ever", 4, "'ever' is no time"),

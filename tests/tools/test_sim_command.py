@@ -28,13 +28,13 @@ ESTIMATOR = "  state_estimator: {"
 
 
 def die(_spec: Spec, number: int) -> None:
-    """A flight of which its process dies."""
+    """A flight whose process dies."""
     os.kill(os.getpid(), number)
 
 
 @pytest.fixture
 def raising(tmp_path: Path) -> Path:
-    """A spec with a module that raises half a second after its start: the judge, who was not told, sees it blamed."""
+    """A spec with a module that raises half a second after its start; the oracle does not know of the fault."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     file = tmp_path / "raising.dg.yaml"
     file.write_text(text.replace(ESTIMATOR, f'{ESTIMATOR}image: "scenarios.raising:RaisesAfterHalfASecond", '))
@@ -60,7 +60,9 @@ def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]
         (["--act", "1 manager_pause manager for 0.2 in idle", "--seconds", "2"], 4.2),  # it may have to wait
     ],
 )
-def test_acts_are_wholly_in_the_flight(words: list[str], seconds: float, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_flight_lasts_until_its_faults_are_over(
+    words: list[str], seconds: float, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["sim", "elevator_and_chute", *words, "--json"]) == 0
     replay = shlex.split(json.loads(capsys.readouterr().out)["replay"])
     assert float(replay[replay.index("--seconds") + 1]) == seconds
@@ -73,15 +75,15 @@ def test_acts_are_wholly_in_the_flight(words: list[str], seconds: float, capsys:
     [
         (
             ["--act", "1 manager_crash manager for 0.2 in activating", "--seconds", "2"],
-            "'1 manager_crash manager for 0.2 in activating' did not strike so (what did: manager_crash in idle)",
+            "'1 manager_crash manager for 0.2 in activating' was not injected so (what was: manager_crash in idle)",
         ),
         (
             ["--kill", "pe:tail_pe@1", "--act", "1.5 pause pe:tail_pe for 0.1"],
-            "'1.5 pause pe:tail_pe for 0.1' did not strike so (what did: crash in idle); try another seed",
+            "'1.5 pause pe:tail_pe for 0.1' was not injected so (what was: crash in idle); try another seed",
         ),
     ],
 )
-def test_an_act_that_is_given_and_does_not_strike_fails_the_flight(
+def test_a_given_fault_that_is_not_injected_fails_the_flight(
     words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -90,7 +92,7 @@ def test_an_act_that_is_given_and_does_not_strike_fails_the_flight(
     assert list(tmp_path.iterdir()) == []  # there is no failure to be kept
 
 
-def test_a_manager_is_killed_as_it_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_manager_is_killed_at_the_given_second(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--standby", "--kill", "manager@1", "--json"]) == 0
     flight = json.loads(capsys.readouterr().out)
     assert [hit["kind"] for hit in flight["hits"]] == ["manager_crash"]
@@ -104,14 +106,16 @@ def test_either_of_two_managers_is_killed(seat: str, capsys: pytest.CaptureFixtu
     assert faults == [f"0.5 manager_crash {seat}", "0.7 crash pe:tail_pe"]
 
 
-def test_a_file_without_acts_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_without_faults_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "none.acts"
     file.write_text("# 1 crash pe:tail_pe\n\n")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
-    assert capsys.readouterr().err == f"heronry: --acts {file}: it has no act; write one a line, or leave it out\n"
+    assert (
+        capsys.readouterr().err == f"heronry: --acts {file}: it has no fault; write one a line, or leave --acts out\n"
+    )
     file.write_bytes(b"\xff\xfe")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
-    assert "it is not text in UTF-8; name a file with one act a line" in capsys.readouterr().err
+    assert "it is not text in UTF-8; name a file with one fault a line" in capsys.readouterr().err
 
 
 def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
@@ -151,7 +155,9 @@ def test_the_columns_of_the_table_stand_below_each_other() -> None:
     assert {len(row) for row in kinds} == {len(head)}
 
 
-def test_what_is_foreseen_is_there_sooner_and_called_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_contingency_runs_sooner_than_a_new_plan_and_is_called_by_its_number(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     words = ["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "1", "--json"]
     assert main(words) == 0
     assert main([*words, "--foreseen", "1"]) == 0
@@ -173,7 +179,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
     ("words", "sentence"),
     [
         (["--kill", "pe:tail@1"], "did you mean 'tail_pe'"),
-        (["--kind", "collapse"], "elevator_and_chute has no far bus that it could strike"),
+        (["--kind", "collapse"], "elevator_and_chute has no far bus as a target for it"),
         (["--kill", "tail_pe"], "write it as pe:NAME@SECONDS"),
         (["--restore", "pe:tail_pe@1"], "kill and restore in turn"),
     ],
@@ -223,7 +229,7 @@ def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reac
     assert capsys.readouterr().out == alone
     lines = alone.splitlines()
     assert lines[-1] == "3 flights, 0 failed"
-    assert any(line.startswith("strikes in state") and line.split()[3:] == list(STATES) for line in lines)
+    assert any(line.startswith("faults in state") and line.split()[3:] == list(STATES) for line in lines)
 
 
 def name_of(part: object) -> str:
@@ -262,24 +268,24 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
         start_new_session=True,
     ) as process:
         while members(process.pid) < there:
-            assert process.poll() is None, "it ended before it could be told to"
+            assert process.poll() is None, "it ended before the signal came"
         end(process.pid, number)
         told = process.communicate(timeout=20)
     assert process.returncode == 128 + number
     assert told in (("", ""), ("", "heronry: stopped; the same command goes on from plans.partial\n"))
-    until_s = time.monotonic() + 5  # the last ones see by the end of a pipe that they are to go
+    until_s = time.monotonic() + 5  # the last processes end when their pipe is closed
     while members(process.pid) and time.monotonic() < until_s:
         time.sleep(0.01)
     assert members(process.pid) == 0
 
 
-def test_who_flies_and_dies_is_one_sentence() -> None:
+def test_a_flying_process_that_dies_is_reported_in_one_sentence() -> None:
     flown = fly_all(shipped_spec_path("elevator_and_chute"), [signal.SIGKILL] * 3, 2, die)
     with pytest.raises(UserError, match="give the same command again"):
         list(flown)
 
 
-def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
+def test_a_failing_flight_is_shrunk_to_the_faults_that_matter(
     raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -307,7 +313,7 @@ def test_what_was_shrunk_is_shown_where_it_cannot_be_kept(
         main(["sim", str(raising), "--seconds", "1", "--act", "0.1 doubled bus:can0 for 0.05 level 1", "--shrink"]) == 1
     )
     told = capsys.readouterr().err
-    assert "cannot be written (No such file or directory); this is what belongs there:\n# " in told
+    assert "cannot be written (No such file or directory); this is what it would hold:\n# " in told
     assert "at 0.1s doubled bus:can0 for 0.007s" in told
 
 
@@ -364,20 +370,20 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 explode pe:tail_pe"], "there is no fault 'explode'"),
         (["--act", "1 pause pe:tail_pe in doubt"], "there is no state 'doubt'"),
         (["--act", "1 pause pe:tail"], "did you mean 'tail_pe'"),
-        (["--act", "1 babble bus:can0 for 0.1 level 99999"], "babble has a level from 0 to 2047: a stranger sends"),
+        (["--act", "1 babble bus:can0 for 0.1 level 99999"], "babble has a level from 0 to 2047: a foreign node sends"),
         (["--act", "1 loss bus:can0 for 0.1 level 5000"], "loss has a level from 1 to 1000: frames are destroyed"),
         (["--act", "1 pause pe:tail_pe for 0.1 level 3"], "pause has no level; leave it out"),
-        (["--act", "1 pause device:gps"], "pause cannot strike device:gps"),
+        (["--act", "1 pause device:gps"], "pause cannot be injected into device:gps"),
         (["--act", "1 manager_crash standby"], "there is one manager; name it 'manager', or add --standby for two"),
         (["--kind", "explode"], "there is no such fault"),
         (["--act", "90000 crash pe:tail_pe"], "is longer than a flight may be; let it be over after 86400 seconds"),
         (["--act", "1 crash pe:tail_pe for 100000"], "is longer than a flight may be"),
         (["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@90000"], "is longer than a flight may be"),
         (["--kill", "primary@4"], "there is one manager; name it 'manager', or add --standby for two"),
-        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one act a line"),
+        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one fault a line"),
     ],
 )
-def test_an_act_that_makes_no_sense_is_refused_in_a_sentence(
+def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
     words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["sim", "elevator_and_chute", *words]) == 2

@@ -1,4 +1,4 @@
-"""The simulated bus: who wins it, for how long, and what can become of a frame on the way."""
+"""The simulated bus: which frame wins it, for how long, and what can happen to a frame on the way."""
 
 from random import Random
 
@@ -35,7 +35,7 @@ def frame_of(event: Received) -> Frame:
     return event.frame
 
 
-def test_the_clock_lets_arbitration_wait_for_everybody_who_speaks_at_that_instant() -> None:
+def test_arbitration_waits_for_all_frames_that_are_offered_at_that_instant() -> None:
     clock, order = Clock(), list[str]()
     clock.at(5, lambda: clock.at_last(lambda: order.append("late")))
     clock.at(5, lambda: clock.at(1, lambda: order.append("third")))
@@ -65,7 +65,7 @@ def test_a_frame_on_the_bus_is_not_interrupted_by_a_more_urgent_one() -> None:
     assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
 
 
-def test_who_stands_back_hands_over_nothing_but_what_is_more_urgent_than_data() -> None:
+def test_a_station_that_stands_back_hands_over_only_frames_more_urgent_than_data() -> None:
     nodes = Nodes()
     nodes.bus.stand_back(nodes.a, 5_000_000)
     nodes.bus.offer(nodes.a, LOW)
@@ -84,7 +84,7 @@ def test_what_is_in_the_mailbox_stands_back_no_more() -> None:
     assert [sent.end_ns for sent in nodes.sent] == [exact_bits(LOW) * 1000]
 
 
-def test_everybody_hears_a_frame_but_its_sender() -> None:
+def test_all_stations_but_the_sender_receive_a_frame() -> None:
     nodes = Nodes()
     nodes.bus.offer(nodes.a, LOW)
     nodes.run()
@@ -109,7 +109,7 @@ def test_one_receiver_may_miss_a_frame_or_have_it_twice() -> None:
     assert len({len(nodes.heard["b"]), len(nodes.heard["c"]), 200}) == 3
 
 
-def test_who_leaves_says_nothing_more_and_destroys_what_it_was_sending() -> None:
+def test_a_station_that_leaves_sends_nothing_more_and_destroys_its_frame_on_the_wire() -> None:
     nodes = Nodes()
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.a, LOW)
@@ -120,7 +120,7 @@ def test_who_leaves_says_nothing_more_and_destroys_what_it_was_sending() -> None
     assert nodes.sent == []
 
 
-def test_who_was_bus_off_sends_in_order_what_has_waited_and_what_comes_meanwhile() -> None:
+def test_a_station_that_was_bus_off_sends_in_order_what_has_waited_and_what_comes_meanwhile() -> None:
     nodes = Nodes()
     lost, *waiting, late = (Frame(LOW.can_id, bytes((n,))) for n in range(4))
     for frame in (lost, *waiting):
@@ -131,7 +131,7 @@ def test_who_was_bus_off_sends_in_order_what_has_waited_and_what_comes_meanwhile
     assert [sent.frame for sent in nodes.sent] == [*waiting, late]
 
 
-def test_who_is_cut_off_sends_later_what_has_not_expired() -> None:
+def test_a_station_that_was_cut_off_sends_later_what_has_not_expired() -> None:
     nodes = Nodes()
     nodes.bus.wire(nodes.a, cut_off=True)
     nodes.bus.offer(nodes.a, LOW, 50_000_000)
@@ -157,7 +157,7 @@ def test_a_frame_cut_in_the_middle_is_sent_again_when_the_wire_is_mended() -> No
     assert nodes.heard["b"] == [LOW]
 
 
-def test_who_is_receive_failed_is_heard() -> None:
+def test_a_station_whose_receiver_has_failed_is_heard() -> None:
     nodes = Nodes(Faults(doubled=1.0))
     nodes.bus.wire(nodes.a, receive_failed=True)
     nodes.bus.offer(nodes.a, LOW)
@@ -214,7 +214,7 @@ def test_a_processor_that_stands_still_sends_what_its_controller_has_and_no_more
     assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
 
 
-def test_who_is_transmit_failed_hears_and_sends_later() -> None:
+def test_a_station_whose_transmitter_has_failed_hears_and_sends_later() -> None:
     nodes = Nodes()
     nodes.bus.wire(nodes.a, transmit_failed=True)
     nodes.bus.offer(nodes.a, LOW)
@@ -247,7 +247,7 @@ def test_a_slow_bus_takes_its_time() -> None:
     assert nodes.sent[0].end_ns == 5 * exact_bits(LOW) * 1000
 
 
-def test_every_failed_frame_counts_and_every_sent_one_takes_one_back() -> None:
+def test_every_failed_frame_raises_the_error_counters_and_every_sent_one_lowers_them() -> None:
     nodes = Nodes()
     nodes.bus.noisy = 1
     nodes.bus.offer(nodes.a, LOW)
@@ -260,7 +260,7 @@ def test_every_failed_frame_counts_and_every_sent_one_takes_one_back() -> None:
     assert (nodes.a.transmit_errors, nodes.b.receive_errors) == (8 * failed - 1, failed - 1)
 
 
-def test_who_cannot_send_a_frame_goes_passive_then_bus_off_and_comes_back() -> None:
+def test_a_station_that_cannot_send_a_frame_goes_passive_then_bus_off_and_comes_back() -> None:
     nodes = Nodes()
     nodes.a.fails = True
     nodes.bus.offer(nodes.a, HIGH)
@@ -276,7 +276,7 @@ def test_who_cannot_send_a_frame_goes_passive_then_bus_off_and_comes_back() -> N
     nodes.bus.offer(nodes.b, HIGH)
     nodes.a.fails = False
     nodes.run(200_000_000)
-    assert (nodes.a.off, nodes.heard["a"]) == (False, [LOW])  # what came while it was off it has missed
+    assert (nodes.a.off, nodes.heard["a"]) == (False, [LOW])  # the station has missed what came while it was off
     assert [sent.frame for sent in nodes.sent if sent.sender == "a"] == [LOW]  # what the controller had is lost
 
 

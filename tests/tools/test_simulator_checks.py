@@ -1,4 +1,4 @@
-"""The judges of a simulated run see what they are for, and nothing else."""
+"""The oracles of a simulated run see what they are for, and nothing else."""
 
 import ast
 from collections import defaultdict
@@ -81,7 +81,7 @@ def assessed(frames: list[Sent]) -> list[str]:
 BEST = best_plan(SPEC, WELL, None).configuration
 
 
-def test_the_best_plan_staged_by_everybody_is_in_order() -> None:
+def test_the_best_plan_staged_by_all_pes_is_in_order() -> None:
     assert assessed(commands(BEST)) == []
 
 
@@ -94,7 +94,7 @@ def test_a_configuration_that_breaks_a_rule_of_the_graph_is_seen() -> None:
     assert story.startswith("configuration: epoch 1: rule ")
 
 
-def test_nobody_is_activated_who_has_not_staged() -> None:
+def test_a_pe_that_has_not_staged_is_not_activated() -> None:
     stories = assessed(commands(BEST, unstaged=frozenset({"tail_pe"})))
     assert stories == ["configuration: epoch 1 is activated, and tail_pe has not staged it"]
 
@@ -104,7 +104,7 @@ def test_what_could_be_served_is_not_dropped() -> None:
     assert story.startswith("service: epoch 1 serves (0, 0, 0, 0) by criticality")
 
 
-def test_what_cannot_be_served_without_those_who_are_absent_may_be_dropped() -> None:
+def test_what_cannot_be_served_without_the_absent_pes_may_be_dropped() -> None:
     left = best_plan(SPEC, Situation(frozenset({"pe:tail_pe"})), None).configuration
     assert assessed(commands(left, absent=frozenset({"tail_pe"}))) == []
     assert any(story.startswith("service: ") for story in assessed(commands(left)))
@@ -187,7 +187,7 @@ def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
 
 
 class Silent(Witness):
-    """Who has heard the elevator stop at 5 ns, and the parachute at 3."""
+    """A witness that has heard the elevator stop at 5 ns, and the parachute at 3."""
 
     def __init__(self) -> None:
         super().__init__(SPEC)
@@ -237,7 +237,7 @@ def test_a_demux_driven_in_turn_within_an_epoch_has_two_drivers() -> None:
 
 
 def test_what_an_epoch_gave_may_begin_to_drive_while_the_next_one_breaks() -> None:
-    """Its frame waited for the bus and leaves before `broken`; who gets the DEMUX back begins after that, on GO."""
+    """Its frame waited for the bus and leaves before `broken`; the PE that gets the DEMUX back begins later, on GO."""
     checks = Checks(SPEC)
     checks.see(activation(1))
     drive(checks, "servo_driver_1")
@@ -250,7 +250,7 @@ def test_what_an_epoch_gave_may_begin_to_drive_while_the_next_one_breaks() -> No
 
 
 def test_go_all_hands_over_what_waited_longer_than_go() -> None:
-    """Who is silent may begin what it was given before, until its lease is over; only then its successor gets it."""
+    """A silent PE may begin what it was given before, until its lease is over; only then its successor gets it."""
     checks = Checks(SPEC)
     for epoch, step in ((1, Step.GO_ALL), (2, Step.GO), (2, Step.GO_ALL)):
         checks.see(activation(epoch, step))
@@ -260,7 +260,7 @@ def test_go_all_hands_over_what_waited_longer_than_go() -> None:
     assert rules(checks) == ["exclusion", "exclusion"]
 
 
-def test_who_drives_in_turn_while_an_epoch_breaks_is_caught() -> None:
+def test_modules_that_drive_in_turn_while_an_epoch_breaks_are_seen() -> None:
     checks = Checks(SPEC)
     checks.see(activation(1))
     drive(checks, "servo_driver_1")
@@ -308,8 +308,8 @@ def test_a_report_of_what_has_not_failed_is_a_false_one() -> None:
     assert rules(checks) == ["blame"]
 
 
-def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
-    """Somebody beyond who has no key may say anything in the name of anybody: that makes nobody a liar."""
+def test_what_a_gateway_passes_on_is_not_its_own_report() -> None:
+    """A node beyond without a key may say anything in the name of any other: no PE is blamed for that."""
     checks = Checks(SPEC)
     slander = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
     checks.see(sent(Frame(emcy_id(TAIL), slander.encode()), "control_pe"))
@@ -321,7 +321,7 @@ def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
     assert rules(checks) == ["blame"]
 
 
-def test_a_gateway_that_hands_on_out_of_order_takes_nobody_back_to_an_older_term() -> None:
+def test_a_gateway_that_passes_on_out_of_order_is_no_return_of_a_pe_to_an_older_term() -> None:
     spec = load(shipped_spec_path("big_blue"))
     checks, ground = Checks(spec), spec.pes["ground"].node_id
 
@@ -379,7 +379,7 @@ ORACLES_KNOW = {
 }
 
 
-def test_oracles_share_no_more_with_what_they_verifier_than_is_said_here() -> None:
+def test_oracles_share_no_more_with_what_they_verify_than_is_listed_here() -> None:
     import_of = defaultdict(set)
     for file in Path("tools/heronry_tools/sim/oracles").glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):

@@ -27,15 +27,15 @@ Written = tuple[Callable[[], Spec], str, int | None]
 
 
 def injected(simulation: Simulation, *texts: str) -> Injections:
-    """Acts done to a flight from now on."""
+    """Inject faults into a flight from now on."""
     faults = tuple(read_fault(simulation.spec, text) for text in texts)
     return Injections(simulation, faults, simulation.now_ns)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_fault_injects_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
+def test_every_kind_of_fault_is_injected_ends_and_leaves_an_aircraft_that_recovers(kind: str) -> None:
     specs = {"gateway": big_blue, "far_bus": big_blue, "phase": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
-    spec = specs.get(KINDS[kind].injections, two_tails)()
+    spec = specs.get(KINDS[kind].target_kind, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
     level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""
@@ -46,7 +46,7 @@ def test_every_kind_of_fault_injects_ends_and_leaves_an_aircraft_that_comes_righ
     assert sum(count for (injected_by, _), count in outcome.hits.items() if injected_by == kind) == 1
 
 
-def test_an_act_reads_as_it_writes() -> None:
+def test_a_fault_reads_as_it_writes() -> None:
     for seed in range(20):
         for fault in drawn_faults(big_blue(), seed, 30.0):
             assert read_fault(big_blue(), str(fault)) == fault
@@ -54,7 +54,7 @@ def test_an_act_reads_as_it_writes() -> None:
 
 @st.composite
 def texts(draw: st.DrawFn) -> Written:
-    """An act of any kind as somebody may write it, with its spec and its level."""
+    """A fault of any kind as a user may write it, with its spec and its level."""
     kind, spec = draw(st.sampled_from([(kind, spec) for kind in KINDS for spec in (big_blue, twin_wires)]))
     targets = possible_targets(spec(), kind)
     assume(targets)
@@ -69,7 +69,7 @@ def texts(draw: st.DrawFn) -> Written:
 
 @given(texts())
 @settings(max_examples=part_of(400))
-def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: Written) -> None:
+def test_a_fault_of_any_kind_is_refused_or_reads_as_it_writes(written: Written) -> None:
     make, text, level = written
     spec = make()
     kind = text.split()[1]
@@ -90,16 +90,16 @@ def test_levels_that_are_drawn_can_be_written() -> None:
 
 
 @pytest.mark.parametrize("fault", ["babble bus:can0 for 0.1 level 0", "babble bus:can0 for 0.1 level 2047"])
-def test_a_stranger_may_have_any_identifier(fault: str) -> None:
+def test_a_foreign_node_may_have_any_identifier(fault: str) -> None:
     assert play(two_tails(), Scenario(1, 0.5, (read_fault(two_tails(), f"0.1 {fault}"),))).violations == ()
 
 
-def test_an_act_late_in_a_long_flight_keeps_its_milliseconds() -> None:
+def test_a_fault_late_in_a_long_flight_keeps_its_milliseconds() -> None:
     fault = read_fault(big_blue(), "12345.678 pause pe:nav for 1234.567")
     assert str(fault) == "12345.678 pause pe:nav for 1234.567"
 
 
-def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> None:
+def test_a_seed_draws_its_kinds_first_or_only_the_kind_that_was_given() -> None:
     swarms = [{fault.kind for fault in drawn_faults(big_blue(), seed, 60.0)} for seed in range(10)]
     assert len(set(map(frozenset, swarms))) == 10
     assert all(len(swarm) < len(KINDS) for swarm in swarms)
@@ -108,7 +108,7 @@ def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> N
     assert "forge" not in set().union(*swarms)
 
 
-def test_the_same_acts_give_the_same_flight_and_one_act_less_leaves_the_others_as_they_are() -> None:
+def test_the_same_faults_give_the_same_flight_and_one_fault_less_leaves_the_others_as_they_are() -> None:
     faults = tuple(
         read_fault(two_tails(), text) for text in ("0.1 loss bus:can0 for 0.2 level 100", "0.5 slow pe:tail_pe for 0.2")
     )
@@ -165,7 +165,7 @@ def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypa
     assert 0 < max(waited_ns) < 100 * MS
 
 
-def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:
+def test_modules_that_hang_are_silent_while_the_heartbeat_goes_on() -> None:
     simulation = flying(elevator_and_chute())
     injected(simulation, "0 stuck pe:tail_pe for 1.5")
     simulation.run_for(1_000 * MS)
@@ -174,7 +174,7 @@ def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:
     assert simulation.settle() == []
 
 
-def test_a_manager_that_stands_still_blames_nobody_for_its_own_pause() -> None:
+def test_a_manager_that_stands_still_fails_no_pe_for_its_own_pause() -> None:
     simulation = flying(big_blue())
     injected(simulation, "0 manager_pause manager for 0.5")
     assert simulation.settle() == []
@@ -197,7 +197,7 @@ def test_a_clock_is_fast_or_slow_and_jumps() -> None:
     assert fast.now_ns() - clock.now_ns > 6_050 - 50
 
 
-def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> None:
+def test_a_fault_waits_for_its_state_and_for_no_longer_than_three_seconds() -> None:
     simulation = flying(two_tails())
     injections = injected(
         simulation, "0 pause pe:control_pe for 0.01 in planning", "0 doubled bus:can0 for 0.1 in preparing level 1"
@@ -212,7 +212,7 @@ def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> No
     assert late.hits == {("pause", "idle"): 1}
 
 
-def test_an_act_that_comes_too_late_for_its_state_waits_for_the_next_time() -> None:
+def test_a_fault_that_comes_too_late_for_its_state_waits_for_the_next_time() -> None:
     simulation = flying(two_tails(), 1)
     injections = injected(
         simulation, "0 doubled bus:can0 for 0.1 in going level 10"
@@ -225,7 +225,7 @@ def test_an_act_that_comes_too_late_for_its_state_waits_for_the_next_time() -> N
     assert injections.hits == {("doubled", "going"): 1}
 
 
-def test_what_is_dead_cannot_be_injected_and_what_is_healed_injects_no_more() -> None:
+def test_a_dead_pe_is_no_target_and_nothing_is_injected_after_the_end() -> None:
     simulation = flying(two_tails())
     injections = injected(simulation, "0 crash pe:tail_pe", "0.1 pause pe:tail_pe for 0.1", "0.5 crash pe:sensor_pe")
     simulation.run_for(200 * MS)
@@ -259,7 +259,7 @@ def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
     assert protocol.now == "idle"
 
 
-def test_a_surface_that_no_branch_drives_excuses_whoever_doubts_its_sensor() -> None:
+def test_a_surface_that_no_branch_drives_excuses_a_report_of_its_sensor() -> None:
     simulation = flying(elevator_and_chute())
     injected(simulation, "0.1 raise module:servo_driver_1 for 0.2", "0.5 overrun module:servo_driver_2 for 0.2")
     simulation.run_for(200 * MS)

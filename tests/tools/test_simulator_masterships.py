@@ -1,4 +1,4 @@
-"""The judges of who reigns: each sees what it is for, and nothing else."""
+"""The oracles of masterships: each sees what it is for, and nothing else."""
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
@@ -32,7 +32,7 @@ def test_managers_that_keep_to_their_terms_are_well() -> None:
         check.said(StateSaid(3, "can0", NODE, "", running(epoch)))
     check.judge_command(4, 127, Lease(2, 17, Step.GO_ALL, 7), "manager 127")
     check.judge_command(5, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
-    check.said(StateSaid(6, "can0", NODE, "", running(5)))  # prepared before anybody watched
+    check.said(StateSaid(6, "can0", NODE, "", running(5)))  # prepared before the oracle watched
     assert check.violations == []
 
 
@@ -45,7 +45,7 @@ def test_an_epoch_that_a_later_mastership_adopts_is_of_that_one() -> None:
         assert bool(check.violations) is is_seen
 
 
-def test_who_adopts_an_epoch_binds_nobody_who_runs_it_and_has_not_heard_of_that() -> None:
+def test_a_manager_that_adopts_an_epoch_does_not_bind_a_pe_that_runs_it_and_has_not_heard_of_that() -> None:
     check = terms()
     check.judge_command(3, 126, Lease(3, 1, Step.GO_ALL, 7), "manager 126")
     check.said(StateSaid(4, "can0", NODE, "", running(1)))
@@ -138,7 +138,7 @@ def test_a_pe_that_keeps_what_it_runs_is_well() -> None:
 
 
 def test_a_pe_that_hears_a_manager_where_there_is_none_is_seen() -> None:
-    assert orphans((230, running(1, hears=True))) == []  # said while one was there, and sent when a wire was mended
+    assert orphans((230, running(1, hears=True))) == []  # true when it was queued, and sent when a wire was mended
     assert "there is none" in orphans((250, running(1, hears=True)))[0]
 
 

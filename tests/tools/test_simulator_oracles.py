@@ -1,4 +1,4 @@
-"""The judges of what an aircraft does when it is left alone: each is shown a flight that is bad in its own way."""
+"""The oracles of an aircraft that is left alone: each is shown a flight that is bad in its own way."""
 
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,7 @@ UNSENT = Sent(0, "can0", "", Frame(0, b""))
 
 
 def started(node: int, incarnation: int) -> StateSaid:
-    """What a PE says when it has just started."""
+    """The state that a PE reports when it has just started."""
     return StateSaid(0, "can0", node, "", StatePage0(PeState.UNCONFIGURED, PeFlags(0), incarnation, 0, 0, 0))
 
 
@@ -72,11 +72,11 @@ def rules(simulation: Simulation) -> list[tuple[str, str]]:
     return [(violation.rule, violation.story) for violation in simulation.broken()]
 
 
-# Nobody publishes what its epoch does not give it
+# No PE publishes what its epoch does not give it
 
 
 def datum(simulation: Simulation, variable: str, sender: str) -> Sent:
-    """A data frame of whoever is the first to produce a variable, as if this PE had sent it."""
+    """A data frame of the first producer of a variable, as if this PE had sent it."""
     producer = next(simulation.spec.producers(variable))[0].name
     frame = Frame(
         identifiers(simulation.spec)[producer, variable], bytes((simulation.spec.pes[sender].node_id, *b"abcdefg"))
@@ -93,7 +93,7 @@ def test_what_no_epoch_asks_for_is_not_sent() -> None:
     assert "which epoch 1 does not ask for" in story
 
 
-def test_who_has_started_anew_sends_nothing_until_an_epoch_asks_for_it() -> None:
+def test_a_restarted_pe_sends_nothing_until_an_epoch_asks_for_it() -> None:
     simulation = flying(two_tails())
     asked = next(name for name in ("sensor_pe", "control_pe", "tail_pe") if publishes(simulation, name))
     (frame, *_) = publishes(simulation, asked)
@@ -137,7 +137,7 @@ def test_more_frames_than_planned_are_seen_and_as_many_as_planned_are_not() -> N
     assert violation.rule == "planned_load"
 
 
-def test_nothing_is_planned_before_anything_is_commanded_or_anybody_is_well() -> None:
+def test_nothing_is_planned_before_a_command_or_before_any_pe_is_well() -> None:
     checks = Checks(two_tails())
     checks.see(Sent(0, "can0", "tail_pe", Frame(1536, bytes(8))))
     assert checks.unplanned(S, Situation()) == []
@@ -223,7 +223,7 @@ def test_a_mastership_may_end_with_a_loss_that_it_did_not_tell_and_a_deposed_one
     assert losses.available == {"tail_pe"}
 
 
-def test_whoever_speaks_is_active_once_a_higher_term_has_fallen_silent() -> None:
+def test_the_manager_that_sends_is_active_once_a_higher_term_has_fallen_silent() -> None:
     losses, lease_ns = Losses(elevator_and_chute()), LEASE_PERIODS * 20 * MS
     alive(losses, 1, *PES, term=5)  # in a part of the aircraft that had been cut off
     alive(losses, 1 + lease_ns, "tail_pe", term=2)
@@ -234,7 +234,7 @@ def test_whoever_speaks_is_active_once_a_higher_term_has_fallen_silent() -> None
 
 def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
     simulation = flying(two_tails())
-    simulation.fleet.running["tail_pe"].wire(transmit_failed=True)  # for good, and nobody is told
+    simulation.fleet.running["tail_pe"].wire(transmit_failed=True)  # for good, and unknown to the oracles
     bound_ns = simulation.checks.liveness_bound_ns()
     begun_ns = simulation.now_ns
     assert "tail_pe is healthy, and silent" in [violation.story for violation in simulation.settle()]
@@ -245,7 +245,7 @@ def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
 
 
 def assessed(check: ServiceCheck, *injected: Injected, function: str = "elevator", lasts_ns: int = 5 * S) -> list[str]:
-    """What is said of a function that is silent from the tenth second on."""
+    """What the oracle says of a function that is silent from the tenth second on."""
     outage = Outage(function, 10 * S, 10 * S + lasts_ns)
     return [violation.story for violation in check.silences([outage], injected, 30 * S)]
 
@@ -266,7 +266,7 @@ def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(servi
 
 
 def epoch_for_nothing(spec: Spec, prepared_ns: int, contingency: int = 0, *, is_adopted: bool = False) -> Epoch:
-    """An epoch that everybody has staged, and that serves nothing."""
+    """An epoch that every PE has staged, and that serves nothing."""
     epoch = Epoch(2, 0, prepared_ns, 1, contingency=contingency, configuration=Configuration(), is_adopted=is_adopted)
     epoch.staged.update(pe.node_id for pe in spec.pes.values())
     return epoch
@@ -278,34 +278,34 @@ def beats(check: ServiceCheck, pes: frozenset[str], period_ns: int = 20 * MS) ->
         check.alive(5 * S - before * period_ns + MS, pes)
 
 
-def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, had_mastership: bool = False) -> list[str]:
-    """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
+def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, begins_mastership: bool = False) -> list[str]:
+    """What the oracle says of an epoch that serves nothing, called by number at 5 s, at the next ALIVE."""
     beats(service, PES)
     service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3))
     assert service.violations == []
-    if had_mastership:
+    if begins_mastership:
         service.began(alive_ns)
     service.alive(alive_ns, pes)
     return [violation.story for violation in service.violations]
 
 
-def test_who_stages_what_is_called_by_its_number_takes_part_if_it_is_available(service: ServiceCheck) -> None:
+def test_a_pe_that_stages_what_is_called_by_its_number_takes_part_if_it_is_available(service: ServiceCheck) -> None:
     assert "could be with []" in called(service, 5 * S + 15 * MS, PES)[0]
 
 
-def test_who_is_not_available_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
+def test_a_pe_that_is_not_available_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
     assert called(service, 5 * S + 15 * MS, frozenset()) == []
 
 
-def test_who_took_part_is_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
-    assert called(service, 5 * S + 15 * MS, PES, had_mastership=True) == []
+def test_the_pes_that_took_part_are_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
+    assert called(service, 5 * S + 15 * MS, PES, begins_mastership=True) == []
     assert called(service, 6 * S, PES) == []
 
 
 @pytest.mark.parametrize(
     ("beats_ms", "is_known"), [((-49, -29, -9), True), ((-39, -4), False), ((-74, -54, -34), False)]
 )
-def test_who_took_part_is_not_known_where_what_a_manager_says_has_waited(
+def test_the_pes_that_took_part_are_not_known_where_the_managers_frames_have_waited(
     service: ServiceCheck, beats_ms: tuple[int, ...], *, is_known: bool
 ) -> None:
     for beat_ms in beats_ms:
@@ -315,14 +315,14 @@ def test_who_took_part_is_not_known_where_what_a_manager_says_has_waited(
     assert bool(service.violations) is is_known
 
 
-def test_who_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
+def test_a_manager_that_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
     service.alive(4 * S, PES)
     for is_adopted in (True, False):
         service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, is_adopted=is_adopted))
         assert bool(service.violations) is not is_adopted
 
 
-def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_have_taken_part() -> None:
+def test_a_pe_that_may_have_been_away_between_two_alives_of_a_slow_manager_need_not_have_taken_part() -> None:
     spec = load(Path(__file__).parent.parent / "scenarios" / "fast_far_bus.dg.yaml")  # ALIVE every 220 ms, f1 every 20
     for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
         service = ServiceCheck(spec)
@@ -332,14 +332,14 @@ def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_hav
         assert bool(service.violations) is is_known
 
 
-def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:
+def test_a_function_may_be_silent_where_no_plan_serves_it_or_no_node_can_tell(service: ServiceCheck) -> None:
     assert assessed(service, Injected("pe:control_pe", 9 * S, None), Injected("pe:tail_pe", 9 * S, 16 * S)) == []
     assert assessed(service, Injected(None, 9 * S, 16 * S)) == []
     (story,) = assessed(service, Injected("pe:tail_pe", 9 * S, None), Injected("pe:control_pe", 5 * S, 6 * S))
     assert "a plan for ['pe:tail_pe'] serves it" in story
 
 
-def test_a_mastership_that_begins_where_nobody_runs_anything_may_wait_for_its_start_up_window(
+def test_a_mastership_that_begins_where_no_pe_runs_anything_may_wait_for_its_start_up_window(
     service: ServiceCheck,
 ) -> None:
     service.ran(10 * S)
@@ -350,7 +350,7 @@ def test_a_mastership_that_begins_where_nobody_runs_anything_may_wait_for_its_st
     assert "silent for 2000 ms" in story
 
 
-def test_where_somebody_flies_a_new_mastership_is_no_excuse(service: ServiceCheck) -> None:
+def test_where_a_pe_flies_a_new_mastership_is_no_excuse(service: ServiceCheck) -> None:
     service.began(10 * S)
     for tick in range(1, 600):
         service.ran(tick * 50 * MS)
@@ -362,7 +362,7 @@ def test_time_begins_anew_with_whatever_happens_meanwhile(service: ServiceCheck)
     assert assessed(service, *steps) == []
 
 
-def test_who_is_not_available_and_what_was_acknowledged_is_down(service: ServiceCheck) -> None:
+def test_a_pe_that_is_not_available_and_what_was_acknowledged_are_down(service: ServiceCheck) -> None:
     position = list(two_tails().modules).index("elevator_control")
     service.commanded(5 * S, "manager 126", Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
     assert assessed(service) == []
@@ -396,7 +396,7 @@ def test_what_a_pe_has_told_is_unknown_to_the_next_mastership_if_it_may_have_mis
 
 
 def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
-    """What is said of an epoch that everybody stages, and that serves nothing."""
+    """What the oracle says of an epoch that every PE stages, and that serves nothing."""
     service.activated(activated_ns, epoch_for_nothing(two_tails(), prepared_ns))
     return [violation.story for violation in service.violations]
 
@@ -434,7 +434,7 @@ def test_what_is_cleared_was_reported_rightly_and_is_well_until_it_is_reported_a
     assert simulation.settle() == []
 
 
-def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not_know() -> None:
+def test_what_the_operator_says_is_the_truth_and_is_repeated_to_a_manager_that_may_not_know() -> None:
     simulation = Simulation(two_tails(), standby=True)
     simulation.run_for(2 * S)
     assert simulation.operator.say(FailElement("pe:tail_pe")) is not None
@@ -443,7 +443,7 @@ def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not
     simulation.managers.kill()
     assert simulation.operator.say(EnterPhase("glide")) is None
     simulation.operator.clear("pe:tail_pe")
-    assert simulation.operator.failed == {"pe:tail_pe"}  # nobody has heard it
+    assert simulation.operator.failed == {"pe:tail_pe"}  # no manager has heard it
     simulation.operator.insist()
     simulation.run_for(S)
     assert simulation.operator.failed == frozenset()
@@ -454,7 +454,7 @@ def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not
 
 
 def flown(spec: Spec, *faults: str, seconds: float = 4.0) -> list[tuple[str, str]]:
-    """What the judges say of a flight with these acts."""
+    """What the oracles say of a flight with these faults."""
     scenario = Scenario(0, seconds, tuple(read_fault(spec, fault) for fault in faults))
     return [(violation.rule, violation.story) for violation in play(spec, scenario).violations]
 
@@ -484,7 +484,7 @@ def test_a_manager_that_plans_with_what_has_failed_is_seen(monkeypatch: pytest.M
         assert "legal" in {rule for rule, _ in flown(two_tails(), fault)}, fault
 
 
-def test_an_actuator_that_moves_late_and_without_permission_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_actuator_that_moves_late_and_without_authorization_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     faults = ("1 overrun module:servo_driver_1 for 1", "1.04 pause pe:tail_pe for 0.6")
     assert flown(two_tails(), *faults) == []
 
@@ -503,7 +503,7 @@ def test_a_module_that_drives_nothing_and_is_given_what_is_old_is_seen(monkeypat
     assert story.startswith("chute_logic on control_pe is given altitude of high_quality_altitude, last heard")
 
 
-# What cannot be promised is not judged for as long as that is so
+# What cannot be promised is not verified for as long as that is so
 
 
 def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_is() -> None:
@@ -522,7 +522,7 @@ def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_i
     assert waivers.unverified_ns(8 * S) == {"clash": 3 * S, "reign": 2 * S}
 
 
-def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
+def test_a_report_long_after_data_were_wrong_is_verified() -> None:
     simulation = flying(two_tails())
     injected = (read_fault(simulation.spec, "0.01 wrong module:elevator_control for 0.1"),)
     Injections(simulation, injected, simulation.now_ns)
@@ -543,7 +543,7 @@ def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
     assert [rule for rule, _ in rules(other)] == ["blame"]
 
 
-def test_what_is_forged_is_judged_where_there_is_a_key() -> None:
+def test_what_is_forged_is_verified_where_there_is_a_key() -> None:
     fault = read_fault(two_tails(), "0.1 forge bus:can0 for 0.2")
     for key in (None, KEY):
         simulation = flying(two_tails(), key=key)
@@ -553,11 +553,11 @@ def test_what_is_forged_is_judged_where_there_is_a_key() -> None:
         assert simulation.waivers.cover("exclusion", simulation.now_ns + 100 * S) == (key is None)
 
 
-# The phase is what was asked for last
+# The phase is the one that was requested last
 
 
 def phases(*, of_two: bool = False) -> tuple[PhaseCheck, list[str | None]]:
-    """A judge of big_blue's phases, and those that it has seen begin."""
+    """An oracle of big_blue's phases, and those that it has seen begin."""
     begun: list[str | None] = []
     check = PhaseCheck(big_blue(), lambda _, phase: begun.append(phase))
     if of_two:
@@ -566,7 +566,7 @@ def phases(*, of_two: bool = False) -> tuple[PhaseCheck, list[str | None]]:
 
 
 def tells(check: PhaseCheck, t_ns: int, phase: str, term: int = 1) -> list[str]:
-    """What is said when a reign tells a phase."""
+    """What the oracle says when a mastership tells a phase."""
     before = len(check.violations)
     check.commanded(
         t_ns, "manager 126", Control(term, 0, Operation.HOLDS, ElementKind.PHASE, list(big_blue().phases).index(phase))
@@ -575,13 +575,13 @@ def tells(check: PhaseCheck, t_ns: int, phase: str, term: int = 1) -> list[str]:
 
 
 def requests(check: PhaseCheck, phase: str, number: int, node: int = 92) -> None:
-    """A PE asks for a phase, and the manager hears it."""
+    """A PE requests a phase, and the manager hears it."""
     index = list(big_blue().phases).index(phase)
     check.requested(node, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, number))
     check.commanded(0, "manager 126", Control(1, node, Operation.ACKNOWLEDGE, ElementKind.PHASE, number))
 
 
-def test_what_is_told_is_what_was_asked_for_last_or_was_on_its_way() -> None:
+def test_the_phase_told_is_the_one_requested_last_or_on_its_way() -> None:
     check, begun = phases()
     assert tells(check, 0, "ascent") == []
     check.ordered(S, "glide", 1)
@@ -605,7 +605,7 @@ def test_a_request_counts_once_it_is_acknowledged_and_once_for_each_number() -> 
     assert check.current == "glide"
 
 
-def test_a_request_counts_anew_from_who_starts_anew() -> None:
+def test_a_request_of_a_restarted_pe_counts_anew() -> None:
     check, begun = phases()
     check.told(started(92, 1))
     requests(check, "glide", 2)
@@ -697,7 +697,7 @@ def test_an_answer_from_before_an_order_was_on_its_way() -> None:
     assert tells(check, 3 * S, "glide") == ["glide is told in term 1, and asked for was ascent"]
 
 
-def test_what_a_deposed_manager_promises_binds_nobody_the_active_manager() -> None:
+def test_what_a_deposed_manager_promises_does_not_bind_the_active_manager() -> None:
     check, begun = phases(of_two=True)
     assert tells(check, 0, "ascent", term=5) == []
     check.ordered(S, "glide", 4)
@@ -717,7 +717,7 @@ def test_what_a_lower_term_tells_where_the_higher_one_is_silent_counts_for_nothi
 
 
 def turns(*handovers: tuple[int, int], leased: bool = True, spoken: bool = True) -> list[str]:
-    """What is said when two modules drive a DEMUX in turn, each after a LEASE of this term and epoch."""
+    """What the oracle says when two modules drive a DEMUX in turn, each after a LEASE of this term and epoch."""
     check = ExclusionCheck(two_tails())
     for n, (term, epoch) in enumerate(handovers):
         check.commanded(n * S, "manager 126", Lease(term, epoch, Step.GO_ALL, 0))
@@ -739,13 +739,13 @@ def test_a_handover_is_a_newer_epoch_or_any_other_one_of_a_higher_term() -> None
     assert turns((1, 51), (2, 40), (2, 40)) == [f"{again} 40"]
 
 
-def test_where_nobody_is_active_and_the_other_one_is_not_heard_it_may_have_let_go() -> None:
+def test_where_no_manager_is_active_and_the_other_pe_is_not_heard_it_may_have_let_go() -> None:
     assert turns((1, 51), (1, 52), (1, 52), leased=False, spoken=False) == []
     assert turns((1, 51), (1, 52), (1, 52), leased=False) != []
     assert turns((1, 51), (1, 52), (1, 52), spoken=False) != []
 
 
-def test_who_is_named_by_a_stranger_may_take_that_for_new() -> None:
+def test_a_pe_that_a_foreign_node_names_may_take_that_for_new() -> None:
     for named_ns, is_seen in ((2 * S - 101 * MS, True), (2 * S - 100 * MS, False)):
         check = ExclusionCheck(two_tails())
         for n, pe in enumerate(("left", "right", "left", "right")):
@@ -766,7 +766,7 @@ def test_who_is_named_by_a_stranger_may_take_that_for_new() -> None:
         (Frame(management_id(126, Command.ALIVE), b""), "stranger 1", None, True),
     ],
 )
-def test_who_is_spoken_for_or_named_by_a_stranger_is_not_judged(
+def test_a_pe_imitated_or_named_by_a_foreign_node_is_not_verified(
     *, frame: Frame, sender: str, key: Key | None, is_seen: bool
 ) -> None:
     checks = Checks(two_tails(), key=key)
@@ -816,7 +816,7 @@ def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None
     assert assessed(check(spec, unwanted[1]), function=unwanted[0], lasts_ns=15 * S) == []
 
 
-def test_the_injects_tell_what_they_did_and_until_when() -> None:
+def test_injected_faults_record_what_they_did_and_until_when() -> None:
     simulation = flying(two_tails())
     start_ns = simulation.now_ns
     texts = (

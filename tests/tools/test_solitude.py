@@ -1,4 +1,4 @@
-"""Who has heard nobody for T_lease, by the frames on its bus."""
+"""Which nodes have heard no other node for T_lease, by the frames on their bus."""
 
 import pytest
 
@@ -17,18 +17,18 @@ def solitude() -> Solitude:
 
 
 def speak(solitude: Solitude, from_ms: int, to_ms: int, *speakers: str) -> None:
-    """Let these speak, every ten milliseconds."""
+    """Let these nodes send, every ten milliseconds."""
     for at_ms in range(from_ms, to_ms, 10):
         for speaker in speakers:
             solitude.heard(at_ms * MS, BUS, speaker)
 
 
 def alone(solitude: Solitude) -> dict[str, int]:
-    """Who was alone, and when that ended, in milliseconds."""
+    """The nodes that were alone, and when that ended, in milliseconds."""
     return {pe: ended_ns // MS for pe in PES if (ended_ns := solitude.ended_ns(pe))}
 
 
-def test_who_hears_others_is_not_alone(solitude: Solitude) -> None:
+def test_a_node_that_hears_others_is_not_alone(solitude: Solitude) -> None:
     speak(solitude, 0, 500, *PES, "manager 126")
     speak(solitude, 500, 1000, *PES)
     speak(solitude, 1000, 1500, *PES[:2])
@@ -52,13 +52,13 @@ def test_a_shorter_silence_is_none(solitude: Solitude) -> None:
     assert alone(solitude) == {}
 
 
-def test_where_nobody_speaks_all_are_alone(solitude: Solitude) -> None:
+def test_where_no_node_sends_all_are_alone(solitude: Solitude) -> None:
     speak(solitude, 0, 100, *PES)
     speak(solitude, 100 + LEASE_MS, 500, *PES)
     assert alone(solitude) == dict.fromkeys(PES, 100 + LEASE_MS)
 
 
-def test_who_was_started_anew_knows_nothing_of_before(solitude: Solitude) -> None:
+def test_a_restarted_node_knows_nothing_of_before(solitude: Solitude) -> None:
     for incarnation in (7, 7):
         solitude.started(5 * MS, PES[0], incarnation)
     assert alone(solitude) == {}
@@ -66,12 +66,12 @@ def test_who_was_started_anew_knows_nothing_of_before(solitude: Solitude) -> Non
     assert alone(solitude) == {PES[0]: 6}
 
 
-def test_in_a_bus_in_two_parts_nobody_knows_who_hears_whom(solitude: Solitude) -> None:
+def test_when_a_bus_breaks_in_two_parts_every_pe_may_be_alone(solitude: Solitude) -> None:
     solitude.split(5 * MS, BUS)
     assert alone(solitude) == dict.fromkeys(PES, 5)
 
 
-def test_a_manager_is_nobody_that_could_be_alone(solitude: Solitude) -> None:
+def test_a_manager_never_counts_as_alone(solitude: Solitude) -> None:
     speak(solitude, 0, 10, *PES, "manager 126")
     speak(solitude, 10, 500, "manager 126")
     speak(solitude, 500, 510, PES[0])

@@ -1,4 +1,4 @@
-"""Flights with two managers: what can befall them, how it is drawn, and how each is flown again."""
+"""Flights with two managers: their faults, how these are drawn, and how each flight is flown again."""
 
 import json
 import shlex
@@ -28,7 +28,7 @@ OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
 
 
 def flight(*texts: str, seed: int = 1, seconds: float = 2.0) -> Outcome:
-    """What becomes of two_tails with two managers."""
+    """The outcome of a flight of two_tails with two managers."""
     faults = tuple(read_fault(two_tails(), text) for text in texts)
     return play(two_tails(), Scenario(seed, seconds, faults, standby=True))
 
@@ -40,11 +40,11 @@ def flying(seed: int = 1, key: Key | None = None) -> Simulation:
     return simulation
 
 
-# What befalls two managers
+# Faults of two managers
 
 
 @pytest.mark.parametrize("target", mostly_soak(["manager", "primary", "standby"], ["primary"]))
-@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.injections == MANAGER])
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.target_kind == MANAGER])
 def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind: str, target: str) -> None:
     outcome = flight(f"0.1 {kind} {target} for 0.4")
     assert outcome.violations == ()
@@ -64,7 +64,7 @@ def test_every_other_fault_of_two_does(kind: str, level: str) -> None:
     assert sum(outcome.hits.values()) == 1
 
 
-def test_a_stale_table_runs_nothing_of_ours_until_the_right_one_is_back() -> None:
+def test_a_pe_with_a_stale_table_runs_nothing_until_the_right_one_is_back() -> None:
     simulation = flying()
     injections = Injections(
         simulation, (read_fault(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns
@@ -78,7 +78,7 @@ def test_a_stale_table_runs_nothing_of_ours_until_the_right_one_is_back() -> Non
     assert simulation.settle() == []
 
 
-def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dead() -> None:
+def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_no_dead_pe() -> None:
     simulation = flying()
     faults = ("0 stale_table pe:tail_pe for 0.4", "0.1 crash pe:tail_pe for 0.1", "0.3 crash pe:tail_pe")
     Injections(simulation, tuple(read_fault(two_tails(), fault) for fault in faults), simulation.now_ns)
@@ -89,7 +89,7 @@ def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dea
 
 
 @pytest.mark.parametrize(("disk", "key", "is_promised"), [("full", KEY, False), ("full", None, True), ("", KEY, True)])
-def test_who_has_a_key_and_counts_again_is_taken_for_somebody_who_replays(
+def test_a_manager_with_a_key_that_counts_again_is_taken_for_a_replay(
     disk: str, key: Key | None, *, is_promised: bool
 ) -> None:
     simulation = flying(key=key)
@@ -100,7 +100,7 @@ def test_who_has_a_key_and_counts_again_is_taken_for_somebody_who_replays(
     assert simulation.waivers.cover("silence", simulation.now_ns) is not is_promised
 
 
-def test_a_manager_that_runs_twice_runs_once_more_at_most_and_is_gone_when_it_is_over() -> None:
+def test_a_manager_is_doubled_once_at_most_and_its_double_is_gone_when_the_fault_is_over() -> None:
     simulation = flying()
     faults = (
         "0 manager_double primary for 0.5",
@@ -159,7 +159,7 @@ def test_one_half_may_hear_the_other_that_does_not_hear_it() -> None:
     assert halves.bus.clashes == []
 
 
-# Who speaks in a term
+# Which managers send in a term
 
 
 def voices(*said: tuple[int, str]) -> list[str]:
@@ -199,7 +199,7 @@ def test_one_that_the_clash_puts_off_the_bus_for_a_while_has_as_long_again() -> 
     assert len(voices(*both, *((t_ms, station) for t_ms in (440, 460) for station in stations))) == 1
 
 
-def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_again() -> None:
+def test_two_managers_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_mended() -> None:
     check = TermCheck(big_blue())
     for t_ms in range(0, 800, 20):
         if t_ms in (0, 400):
@@ -210,7 +210,7 @@ def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_ag
     assert len(check.violations) == 1
 
 
-def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
+def test_a_term_that_no_frame_names_any_more_deposes_no_manager() -> None:
     check, lease_ns = TermCheck(two_tails()), LEASE_PERIODS * 20 * MS
     head = SliceHead(94, 3, 0, 0)
 
@@ -226,7 +226,7 @@ def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
     assert check.violations == []
 
 
-def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> None:
+def test_with_a_key_a_term_deposes_no_manager_before_every_node_can_authenticate_it() -> None:
     check, head = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
 
     def is_active(t_ms: int, manager: int, term: int) -> bool:
@@ -255,7 +255,7 @@ def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> N
 # What is drawn, and what it reaches
 
 
-def test_what_needs_two_managers_is_drawn_where_there_are_two_and_asked_for_anywhere() -> None:
+def test_a_fault_of_two_managers_is_drawn_where_there_are_two_and_can_be_given_anywhere() -> None:
     one = {fault.kind for seed in range(30) for fault in drawn_faults(big_blue(), seed, 60.0)}
     two = {fault.kind for seed in range(30) for fault in drawn_faults(big_blue(), seed, 60.0, of_two=True)}
     assert one.isdisjoint(OF_TWO)
@@ -264,7 +264,7 @@ def test_what_needs_two_managers_is_drawn_where_there_are_two_and_asked_for_anyw
     assert {fault.kind for fault in drawn_faults(big_blue(), 1, 60.0, ["disk_full"])} >= {"disk_full"}
 
 
-def test_either_manager_is_injected_and_whichever_is_active_and_more_often_than_others() -> None:
+def test_faults_go_into_either_manager_and_the_active_one_and_more_often_than_elsewhere() -> None:
     faults = [fault for seed in range(20) for fault in drawn_faults(two_tails(), seed, 60.0, of_two=True)]
     targets = [fault.target for fault in faults]
     assert {"manager", "primary", "standby"} <= set(targets)
@@ -280,19 +280,19 @@ def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
     assert ("disk_full", "orphaned") in table.cells()
 
 
-def test_the_state_of_the_protocol_knows_that_nobody_is_active() -> None:
+def test_the_state_of_the_protocol_knows_that_no_manager_is_active() -> None:
     protocol = ProtocolState(Clock())
     protocol.take({"event": "plan_requested"})
-    protocol.had_mastership(by_somebody=False)
-    protocol.had_mastership(by_somebody=False)
+    protocol.set_active_manager(is_heard=False)
+    protocol.set_active_manager(is_heard=False)
     assert (protocol.now, protocol.entered["orphaned"]) == ("orphaned", 1)
-    protocol.had_mastership(by_somebody=True)
+    protocol.set_active_manager(is_heard=True)
     assert protocol.now == "planning"
     protocol.take({"event": "taken_over"})
     assert protocol.now == "idle"
 
 
-def test_a_flight_has_a_key_where_somebody_attacks() -> None:
+def test_a_flight_with_an_attacker_has_a_key() -> None:
     attack = read_fault(two_tails(), "0.1 attack bus:can0 for 0.1")
     assert need_key((attack,))
     assert not need_key(())

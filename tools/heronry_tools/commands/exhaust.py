@@ -1,7 +1,7 @@
-"""`heronry exhaust`: every message of every reconfiguration of a small aircraft, struck in every way.
+"""`heronry exhaust`: every reconfiguration of a small aircraft, with every fault in every message of it.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a case that was
-given has not struck; 2 the input cannot be used.
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a fault of a
+given case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
-sensor that dies, what the operator fails and clears, each phase, by his word or as a module asks for it; with --standby
-also the death of the manager that reigns. It is flown again and again, and each time one frame of the management, from
-the first to the last, is lost, doubled or late, for one node or for everybody, or a node dies with it. Use a spec with
-three PEs: there are some 37000 flights of it, half an hour on one processor.
+sensor that dies, what the operator fails and clears, each phase, requested by the operator or by a module; with
+--standby also the death of the active manager. It is flown again and again, and each time one frame of the management,
+from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies with it. Use a spec
+with three PEs: there are some 37000 flights of it, half an hour on one processor.
 
-Exit codes: 0 all is well; 1 something was violated, or a case that was given strikes nobody; 2 the input cannot be
+Exit codes: 0 all is well; 1 something was violated, or a fault of a given case was not injected; 2 the input cannot be
 used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
@@ -47,21 +47,23 @@ def add_parsers(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "exhaust",
         help="lose, double, delay every single message of every reconfiguration, and crash at it",
-        description="Fly every single fault at every message of every reconfiguration, and judge each flight.",
+        description="Fly every single fault at every message of every reconfiguration, and check each flight.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
-    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly so many of the single faults, drawn")
-    parser.add_argument("--pairs", type=whole_number, default=0, metavar="N", help="and so many pairs (default: 0)")
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="that draws them (default: 0)")
+    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly only N of the single faults, drawn")
+    parser.add_argument(
+        "--pairs", type=whole_number, default=0, metavar="N", help="also fly N pairs of faults, drawn (default: 0)"
+    )
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="seed that draws them (default: 0)")
     parser.add_argument("--standby", action="store_true", help="with two managers")
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
         "--foreseen", type=whole_number, metavar="N", help="plans for up to N faults are made ahead and on board"
     )
     parser.add_argument("--count", action="store_true", help="only say how many single faults each story has")
-    parser.add_argument("--case", action="append", default=[], metavar="CASE", help="fly this one, and no other")
+    parser.add_argument("--case", action="append", default=[], metavar="CASE", help="fly this case instead of all")
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
@@ -101,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
-    """How many single faults each story has."""
+    """Give the number of single faults of each story."""
     from heronry_tools.sim.flight.exhaustive import single_cases, stories  # noqa: PLC0415
 
     setup = _setup(arguments)
@@ -109,7 +111,7 @@ def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    """The same in lines, and how many there are."""
+    """Give the numbers as lines, with their sum."""
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 
@@ -126,7 +128,7 @@ def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
     if arguments.case:
         return [read_case(spec, text, setup) for text in arguments.case]
     if arguments.sample == arguments.pairs == 0:
-        raise UserError("--sample 0: no flights show nothing; write 1 or more, or add --pairs N")
+        raise UserError("--sample 0: there is nothing to fly; write 1 or more, or add --pairs N")
     every = [case for story in stories(spec, setup) for case in single_cases(spec, story, setup)]
     pairs = drawn_pairs(every, arguments.pairs, arguments.seed)
     if arguments.sample is not None and arguments.sample < len(every):
@@ -143,10 +145,10 @@ def _told(arguments: argparse.Namespace, case: "Case", violations: "list[Violati
 
 
 def _summary(cases: "list[Case]", failed: int) -> str:
-    kinds = Counter(blow.kind for case in cases for blow in case.blows)
+    kinds = Counter(fault.kind for case in cases for fault in case.faults)
     stories = len({case.story for case in cases})
-    blows = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-    return f"{stories} stories, {len(cases)} flights ({blows or 'nothing to strike'}), {failed} failed"
+    faults = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    return f"{stories} stories, {len(cases)} flights ({faults or 'no fault'}), {failed} failed"
 
 
 def _document(
@@ -154,7 +156,7 @@ def _document(
 ) -> dict[str, object]:
     return {
         "flights": len(cases),
-        "blows": dict(Counter(blow.kind for case in cases for blow in case.blows)),
+        "blows": dict(Counter(fault.kind for case in cases for fault in case.faults)),
         "failed": [
             {
                 "case": str(case),

@@ -1,7 +1,7 @@
-"""`heronry sim`: fly a spec in the simulator, disturb it, and judge what came of it.
+"""`heronry sim`: fly a spec in the simulator, inject faults, and check every flight.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or an act that was
-given has not struck; 2 the input cannot be used.
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a fault that was
+given was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -27,28 +27,30 @@ if TYPE_CHECKING:
     from heronry_tools.sim.flight.outcome import Outcome, Scenario
 
 _DEFAULT_S = 5.0
-_KEYED_EVERY = 4  # of the pairs of seeds that draw, so that half of them have plans on board
+_KEYED_EVERY = 4  # one pair of seeds in four, so that half of the keyed flights have plans on board
 _EPILOG = """\
-Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, an
+Each seed draws its own faults (crashes, pauses, broken wires, noise, foreign nodes on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
 are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
-a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
-(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then somebody forges commands.
+a seed draws the faults and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
+(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then an attacker forges commands.
 
-What is judged, and no core is asked: nothing exclusive ever has two drivers, one epoch is one configuration, and a
-legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
-everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
+Oracles check every flight, without access to a core: nothing exclusive ever has two drivers, one epoch is one
+configuration, and a legal one, no healthy element is reported, nothing old is taken for new, and the manager's silence
+stops no PE. Then every fault is ended, and in the end every healthy PE is active, the plan is the best one, and it is
+heard to run.
 
-An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. It waits for its state for three
-seconds. One that is given and strikes nothing, or not in that state, fails the flight.
+A fault is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. It waits for its state for three
+seconds. A fault that is given and is not injected, or not in that state, fails the flight.
 
-With --standby there are two managers, each with a journal on a disk of its own, and besides drawn are: a manager whose
-power goes while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
-between them, with PEs on either side; a PE with an old table; and, in flights that have a key, somebody who has none
-and forges, replays, reorders and truncates commands. Then is judged, too: one manager reigns in a term, no PE goes back
-to an older one, every command obeyed was authentic and fresh, and the journal holds what is so.
+With --standby there are two managers, each with a journal on a disk of its own, and also drawn are: a manager that
+loses power while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
+between the managers, with PEs on either side; a PE with an old table; and, in flights that have a key, an attacker
+without it that forges, replays, reorders and truncates commands. Then the oracles also check: one manager is active in
+a term, no PE goes back to an older term, every command that a PE executed was authentic and fresh, and the journal
+holds what is so.
 
-Exit codes: 0 all is well; 1 something was violated, or an act that was given has not struck; 2 the input cannot be
+Exit codes: 0 all is well; 1 something was violated, or a fault that was given was not injected; 2 the input cannot be
 used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
@@ -59,7 +61,7 @@ examples:
   heronry sim big_blue --runs 2000 --seconds 60 --jobs 0 --compiled      a serious campaign
   heronry sim big_blue --standby --act '1 manager_power primary for 0.5' --act '2 manager_pause standby for 0.3'
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
-  heronry sim big_blue --keyed --kind attack        with a key, and somebody on the bus who does not have it
+  heronry sim big_blue --keyed --kind attack        with a key, and an attacker on the bus without it
 """
 
 
@@ -67,35 +69,39 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry sim`."""
     parser = subparsers.add_parser(
         "sim",
-        help="fly a spec in the simulator and judge what comes of it",
+        help="fly a spec in the simulator, with faults, and check every flight",
         description="Fly a spec in virtual time with the real cores and modules: same seed, same frames.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="how many seeds, one after the other")
+    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="number of seeds, one after the other")
     parser.add_argument(
         "--seconds",
         type=seconds,
         metavar="S",
-        help="length of the chaos (default: 5, or a second more than the acts given need; never less than they need)",
+        help="time for faults (default: 5, or a second more than the given faults need; never less than they need)",
     )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
-    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw acts of this kind alone")
-    parser.add_argument("--act", action="append", default=[], metavar="ACT", help="do this, and nothing that is drawn")
-    parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one act a line")
+    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw faults of this kind alone")
+    parser.add_argument(
+        "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
+    )
+    parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one fault a line")
     parser.add_argument(
         "--kill",
         action="append",
         default=[],
         metavar="pe:NAME@S",
-        help="kill a PE then, or a manager: manager, primary or standby",
+        help="kill a PE at second S, or a manager: manager, primary or standby",
     )
-    parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
-    parser.add_argument("--standby", action="store_true", help="two managers, and what can befall two: see below")
+    parser.add_argument(
+        "--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again at second S"
+    )
+    parser.add_argument("--standby", action="store_true", help="two managers, and their faults: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
     parser.add_argument(
         "--foreseen",
@@ -106,7 +112,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
-        "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
+        "--shrink", action="store_true", help="look for the fewest faults that fail; writes SPEC-seed-N.scenario"
     )
     add_compiled_argument(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object a run, and one for all of them")
@@ -150,18 +156,18 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
     idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
     if idle:
-        what = KINDS[idle[0]].injections.replace("_", " ")
-        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} that it could strike")
+        what = KINDS[idle[0]].target_kind.replace("_", " ")
+        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} as a target for it")
     given = _given_faults(spec, arguments)
     needed_s = over_s(given)
-    asked_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
+    faults_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         keyed = arguments.keyed or (not given and seed // 2 % _KEYED_EVERY == 0)
-        faults = given or drawn_faults(spec, seed, asked_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
+        faults = given or drawn_faults(spec, seed, faults_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
         foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
         yield Scenario(
             seed,
-            max(asked_s, needed_s),
+            max(faults_s, needed_s),
             faults,
             arguments.loss,
             drawn=not given,
@@ -197,21 +203,21 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
 
 
 def _lines_of(file: Path) -> list[str]:
-    """Acts of a file; raises UserError."""
+    """Faults of a file, one a line; raises UserError."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError as error:
-        raise UserError(f"--acts {file}: {error.strerror}; name a file with one act a line") from None
+        raise UserError(f"--acts {file}: {error.strerror}; name a file with one fault a line") from None
     except UnicodeDecodeError:
-        raise UserError(f"--acts {file}: it is not text in UTF-8; name a file with one act a line") from None
+        raise UserError(f"--acts {file}: it is not text in UTF-8; name a file with one fault a line") from None
     told = [line for line in lines if line.strip() and not line.startswith("#")]
     if not told:
-        raise UserError(f"--acts {file}: it has no act; write one a line, or leave it out")
+        raise UserError(f"--acts {file}: it has no fault; write one a line, or leave --acts out")
     return told
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether anything was wrong with the aircraft, and not with what somebody has named."""
+    """Tell whether the aircraft did something wrong, and not only a given fault was not injected."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)
@@ -223,7 +229,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
 
     def fly(scenario: "Scenario") -> "Outcome":
-        show_line(f"seed {scenario.seed}: trying {len(scenario.faults)} acts")
+        show_line(f"seed {scenario.seed}: trying {len(scenario.faults)} faults")
         return play(spec, scenario)
 
     least = shrunk(outcome, fly)
@@ -247,14 +253,14 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
         file.write_text(text)
     except OSError as error:
         print(
-            f"heronry: {file} cannot be written ({error.strerror}); this is what belongs there:\n{text}",
+            f"heronry: {file} cannot be written ({error.strerror}); this is what it would hold:\n{text}",
             file=sys.stderr,
         )
     return least
 
 
 def _line(fault: "Fault") -> str:
-    """An act as a scenario file has it."""
+    """A fault as a scenario file has it."""
     at, *words = str(fault).split()
     return " ".join(
         [f"at {at}s", *(f"{word}s" if before == "for" else word for before, word in pairwise(["", *words]))]
@@ -265,7 +271,7 @@ def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     scenario = outcome.scenario
     faults = ", ".join(map(str, scenario.faults))
     end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
-    lines = [f"seed {scenario.seed}: {faults or 'nothing is done'} ({end})"]
+    lines = [f"seed {scenario.seed}: {faults or 'no fault'} ({end})"]
     for told in outcome.reconfigurations if arguments.runs == 1 else ():
         times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
         lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {told['causes'][-1]}")

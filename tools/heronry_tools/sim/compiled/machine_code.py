@@ -1,15 +1,15 @@
 """The simulator as machine code, for campaigns: what `heronry sim --compiled` flies.
 
-A campaign of thousands of flights wants speed, and its cores must be those that fly. mypyc, which comes with mypy,
+A campaign of thousands of flights needs speed, and its cores must be those that fly. mypyc, which comes with mypy,
 turns typed Python into C: one source, the same frames bit for bit, and a third of the time. What is compiled is a copy
 of all packages, in the user's cache; Python takes the compiled form of a module where it stands beside its source.
-Nothing that flies knows of it.
+No part that flies knows of it.
 
-A copy is named by the digest of its sources, specs, Python and mypy: what was changed since is another copy, so
-nothing stale is ever flown. It is made under another name and renamed in one step, by one process at a time: a copy
-that is there is complete. One that nobody has used for a month is thrown away.
+A copy is named by the digest of its sources, specs, Python and mypy: changed sources give another copy, so nothing
+stale is ever flown. It is made under another name and renamed in one step, by one process at a time: a copy that is
+there is complete. A copy that was not used for a month is deleted.
 
-Compiled code differs from Python where a type tells less than the truth: a tuple of fixed length has no identity, a
+Compiled code differs from Python where a type is less exact than the value: a tuple of fixed length has no identity, a
 member of an IntEnum that may be any int is one, an int that is passed on as a float becomes a float. So `proof_flights`
 are flown in both forms, and must give the same frames; else the copy is not kept.
 """
@@ -39,7 +39,7 @@ from heronry_tools.sim.compiled.native_classes import with_native_classes
 from heronry_tools.sim.world import clock
 
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
-# What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.
+# What a flight spends its time in; what is called seldom stays Python, where a traceback tells more.
 _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
     "identifiers layout management packing protocol_times sansio state_frames timing",
@@ -65,7 +65,7 @@ _COMPILED = {
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
     "plant_view simulated_manager simulated_pe station steps_seen",
 }
-# Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
+# Values that are made for every frame or step, and that hold only values; no code unpacks the named tuples.
 _MADE_OFTEN = frozenset(
     [
         *("Datum", "Drive", "Driven", "Facts", "Frame", "Left", "Output", "Received", "Result", "Send", "Sent"),
@@ -88,7 +88,7 @@ _COMPILER = {
     "MYPYC_DEBUG_LEVEL": "0",
     "CFLAGS": "-fvisibility=hidden -Wno-misleading-indentation",
 }
-_TOLD = 2000  # characters of a compiler's last words
+_TOLD = 2000  # characters of the end of a compiler's output
 _KEPT_S = 30 * 86_400
 _NOTE = "compiling the simulator, once for these sources: this takes a minute or two"
 
@@ -99,7 +99,7 @@ def is_compiled() -> bool:
 
 
 def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
-    """Go on with this command of a program in a process that flies the compiled form; nothing if this one does.
+    """Replace this process by one that runs the same command with the compiled form; does nothing if it runs already.
 
     Makes that form where it is not there yet. Raises UserError where that cannot be done.
     """
@@ -126,7 +126,7 @@ def compiled_folder() -> Path:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """What a process is started with that is to run the packages of a folder."""
+    """Environment of a process that is to run the packages of a folder."""
     path = filter(None, (str(folder), os.environ.get("PYTHONPATH")))
     return os.environ | {"PYTHONPATH": os.pathsep.join(path)}
 
@@ -159,7 +159,7 @@ def _make(staging: Path, folder: Path) -> None:
 
 
 def forget_old(cache: Path, now_s: float) -> None:
-    """Throw away what nobody has used for a month."""
+    """Delete the copies that were not used for a month."""
     for folder in cache.iterdir():
         if folder.is_dir() and now_s - folder.stat().st_mtime > _KEPT_S:
             shutil.rmtree(folder, ignore_errors=True)
@@ -177,7 +177,7 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
     (folder / "mypy.ini").write_text(_TYPE_SETTINGS)
     chosen = list(sources() if files is None else files)
     for file in (folder / one for one in chosen):
-        if file.is_file():  # else mypyc will say so
+        if file.is_file():  # else mypyc will report it
             file.write_text(with_native_classes(file.read_text(), _MADE_OFTEN, _DERIVED_FROM))
     _run("compiling", ("-m", "mypyc", *map(str, chosen)), folder)
     for left in ("build", ".mypy_cache"):
@@ -205,7 +205,7 @@ def _copied() -> Iterator[tuple[str, Path]]:
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
-    """Run Python with what is in a folder, or with what runs here; raises UserError with its last words if it fails."""
+    """Run Python with the packages of a folder, or with those of this process; raises UserError if it fails."""
     own = os.environ if folder is None else environment(folder) | _COMPILER
     command, pipe = (sys.executable, *words), subprocess.PIPE
     with subprocess.Popen(command, cwd=folder, env=own, stdout=pipe, stderr=pipe, text=True) as process:
@@ -220,7 +220,7 @@ def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
 
 
 def _watched(what: str, process: "subprocess.Popen[str]") -> tuple[str, str]:
-    """Wait for the end of a process; a terminal is told how long it has taken so far."""
+    """Wait for the end of a process; a terminal shows how long it has taken so far."""
     began_s = time.monotonic()
     while True:
         try:

@@ -1,4 +1,4 @@
-"""A module as mypyc likes it: classes with constructors that can be compiled, and constants that are constant.
+"""A module rewritten for mypyc: classes with constructors that can be compiled, and constants that are constant.
 
 mypyc makes a native class of a dataclass, but what `dataclass` generates stays Python: a frozen one takes a microsecond
 to make, compiled or not, and a named tuple half of that. A flight makes ten of them for each frame. A constructor that
@@ -10,18 +10,18 @@ is written in the class is compiled with it, so the copy that is compiled gets o
         kind: int = 0                               kind: int = 0
                                                     def __init__(self, number: int, kind: int = 0) -> None: ...
 
-A named tuple becomes such a class where that is asked for. It can then no longer be unpacked or indexed; where somebody
+A named tuple becomes such a class where that is requested. It can then no longer be unpacked or indexed; where code
 does, mypy refuses the copy, which it sees first. Equality, hash, `repr` and matching are still those of a dataclass.
-That nobody changes a frozen value has been checked in the source.
+That no code changes a frozen value has been checked in the source.
 
-What is made often is also told to be acyclic, since a value that never changes and holds values cannot lead back to
-itself: the garbage collector need not know of it. And the one that was thrown away last is taken for the next.
+A class that is made often is also declared acyclic, since a value that never changes and holds values cannot lead back
+to itself: the garbage collector need not know of it. And the object that was freed last is used for the next one.
 
-A name in capitals that a module gives a value once is `Final`: mypyc looks up all others by name, each time.
+A name in capitals to which a module assigns once is `Final`: mypyc looks up all others by name, each time.
 
-A class that others may derive from, in Python, is told to mypyc as such; so is an error, which stays Python.
+A class that others may derive from, in Python, is declared so to mypyc; so is an error, which stays Python.
 
-A class that is not understood here (one with bases, or with a constructor of its own) stays as it is.
+A class with bases, or with a constructor of its own, is not supported here and stays as it is.
 """
 
 import ast
@@ -40,7 +40,7 @@ _REPLACE = """
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """`default` is an expression, `factory` one that makes it; `is_given` by who calls the constructor."""
+    """`default` is an expression, `factory` one that makes it; `is_given`: the caller of the constructor gives it."""
 
     name: str
     kind: str
@@ -49,13 +49,13 @@ class _Field:
     is_given: bool = True
 
     def parameter(self) -> str:
-        """How the constructor takes it."""
+        """The field as a parameter of the constructor."""
         if self.factory is not None:
             return f"{self.name}: {self.kind} | None = None"
         return f"{self.name}: {self.kind}" + ("" if self.default is None else f" = {self.default}")
 
     def assignment(self) -> str:
-        """How the constructor sets it."""
+        """The statement by which the constructor sets the field."""
         if self.factory is None:
             return f"self.{self.name} = {self.name if self.is_given else self.default}"
         made = f"{self.factory}()"
@@ -98,7 +98,7 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
 
 
 def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> None:
-    """Rewrite a class, its end first: what comes before stays where it is."""
+    """Rewrite a class, its end first: the lines before it keep their numbers."""
     is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in often
     words = {"unsafe_hash": "True"} if is_tuple else _words(node)
     fields = None if words is None else _fields(node)
@@ -120,7 +120,7 @@ def _first(node: ast.ClassDef) -> int:
 
 
 def _words(node: ast.ClassDef) -> dict[str, str] | None:
-    """What the decorator of a dataclass is to say; None for any other class, and for one with a constructor."""
+    """Arguments for the decorator of a dataclass; None for any other class, and for one with a constructor."""
     if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
         return None
     decorator = node.decorator_list[0]
@@ -139,7 +139,7 @@ def _methods(node: ast.ClassDef) -> set[str]:
 
 
 def _fields(node: ast.ClassDef) -> list[_Field] | None:
-    """Fields of a dataclass; None where one is not understood."""
+    """Fields of a dataclass; None where one is not supported."""
     fields = []
     for one in node.body:
         if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):

@@ -1,6 +1,6 @@
 """Flights that a compiled simulator must fly just as Python does: every spec that comes with the package, with faults.
 
-Prints one line a flight: spec, seed, number of frames, their digest, what was violated. Acts of every kind are among
+Prints one line a flight: spec, seed, number of frames, their digest, the violations. Faults of every kind are among
 them, since each seed draws its own; so are buses that lose frames, two managers, and a key.
 """
 
@@ -18,7 +18,7 @@ _LOSS = 0.001
 
 
 def main() -> None:
-    """Fly, and tell of each flight."""
+    """Fly, and print a line for each flight."""
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):

@@ -1,1 +1,1 @@
-"""The faults that a flight can have: their notation, how a seed draws them, and who forges frames."""
+"""The faults that a flight can have: their notation, how a seed draws them, and an attacker that forges frames."""

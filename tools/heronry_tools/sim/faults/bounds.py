@@ -1,7 +1,7 @@
-"""How long a flight may last and how bad its buses may be: what an option takes, a scenario file takes too.
+"""How long a flight may last and how bad its buses may be, for an option as for a scenario file.
 
-A day is longer than anybody waits for. A bus on which more than half of all frames are destroyed carries nothing that
-could be judged.
+No user waits for a flight of more than a day. A bus on which more than half of all frames are destroyed carries too
+little for any finding.
 """
 
 from decimal import Decimal
@@ -11,7 +11,7 @@ _WORST_SHARE = 0.5
 
 
 def read_share(text: str) -> float | None:
-    """Read the share of frames that are destroyed; None where it is none, or more than a bus survives."""
+    """Read the share of frames that are destroyed; None where the text is no share, or more than a bus survives."""
     try:
         share = float(text)
     except ValueError:
@@ -20,5 +20,5 @@ def read_share(text: str) -> float | None:
 
 
 def written_share(share: float) -> str:
-    """Write a share in decimals, to the last digit: a flight with another one is another flight."""
+    """Write a share in decimals, to the last digit: a flight with another share is another flight."""
     return f"{Decimal(repr(share)):f}"

@@ -1,23 +1,24 @@
-"""Acts drawn from a seed: swarm testing, aimed at the states of the protocol that are hard to hit.
+"""Faults drawn from a seed: swarm testing, aimed at the states of the protocol that are hard to hit.
 
 A run does not draw from all kinds of faults alike: each seed first draws which kinds there are at all, about half of
 them, and how often each comes. So some runs are all restarts and others all noise, and what one kind would hide another
 run shows.
 
-Most acts wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two of
+Most faults wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two of
 them for seconds. How often each state is drawn (`_AIM`) makes up for how seldom it is hit: the shorter it lasts, the
-more; idle is hit by all that waits for nothing. These numbers were read off the tables of campaigns
+more; idle is hit by every fault that waits for no state. These numbers were read off the tables of campaigns
 (`campaign.Coverage`) and are the same for every seed, so that a seed flies alone as it did in its campaign.
 
-An act that waits for anything but rest brings along what leads there: a PE is lost and comes back, so that the protocol
-goes through all of its states; another one than the act strikes, or there would be nothing left to strike. Where a
-reign must end (`orphaned`) it is the manager that reigns. Where something exclusive must be given up (`activating`) it
-is both: a PE is cut off, and when it is lost the reign ends; the next one finds it in an epoch that it does not know,
-and with whatever that may have given it. Where a DEMUX can be driven from several PEs, the loss of one does as well.
+A fault that waits for any state but idle brings along what leads there: a PE is lost and comes back, so that the
+protocol goes through all of its states; it is a PE other than the fault's target, or the target would be lost already.
+Where a mastership must end (`orphaned`) the active manager is lost. Where something exclusive must be given up
+(`activating`) both are lost: a PE is cut off, and when it is lost the mastership ends; the next manager finds the PE in
+an epoch that it does not know, and with whatever that epoch may have given it. Where a DEMUX can be driven from several
+PEs, the loss of one does as well.
 
-Where there are two managers they are struck more often than anything else, either of them or whichever reigns, and with
-what needs two of them (`Kind.of_two`). There is more to strike then, so there are more acts. What is drawn in flights
-with a key alone is in the swarm of each of these, and comes more often.
+Where there are two managers, faults are injected into them more often than into anything else, into one of the two or
+into the active one, and so are the faults that need two managers (`Kind.of_two`). There are more targets then, so there
+are more faults. What is drawn only in flights with a key is in the swarm of each of these, and comes more often.
 """
 
 from collections.abc import Sequence
@@ -42,25 +43,25 @@ _AIM = {
     "idle": 1,
 }
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
-_MANAGERS_MORE = 2  # times as often as anything else
+_MANAGERS_MORE = 2  # times as often as any other kind
 _LATCHED_MORE = 3  # since mostly there is nothing to clear
 _KEYED_MORE = 4  # since few flights have a key
 _END_OF_MASTERSHIP = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
-_LEADS = (*_SILENCES, ("reboot", (1, 60)))  # which is over before anybody waits for it
-_LEADS_APART_MS = 1200  # before a second one, where the first has not led there
-_BY_DEMUX = 0.7  # of what leads to "activating", where a DEMUX can
-_LOST_AFTER_MS = 200  # who is cut off, by then
+_LEADS = (*_SILENCES, ("reboot", (1, 60)))  # a reboot is over before the manager misses the PE
+_LEADS_APART_MS = 1200  # before a second loss, where the first has not led to the state
+_BY_DEMUX = 0.7  # share of what leads to "activating" by a DEMUX, where the spec has one
+_LOST_AFTER_MS = 200  # a PE that is cut off is lost by then
 _CUT_ACROSS_MASTERSHIPS_MS = (300, 900)
 _BETWEEN_MASTERSHIPS_MS = (100, 300)
-_MANAGERS_ALONE = 0.05  # of the seeds: their silence must stop nobody
-_LAST = 0.9  # of the chaos: what strikes later would be healed at once
+_MANAGERS_ALONE = 0.05  # of the seeds: the silence of managers must not stop any PE
+_LAST = 0.9  # of the flight: a fault that is injected later would be ended at once
 
 
 def drawn_faults(
     spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
 ) -> tuple[Fault, ...]:
-    """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds.
+    """Draw the faults of a seed, of the given kinds or of kinds that the seed draws; times are in whole milliseconds.
 
     of_two: there are two managers. keyed: they and the PEs have a key.
     """
@@ -71,7 +72,7 @@ def drawn_faults(
     ] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
-        swarm = [name for name in there if KINDS[name].injections == MANAGER]
+        swarm = [name for name in there if KINDS[name].target_kind == MANAGER]
     weights = [random.choice((1, 1, 2, 5)) * _more_often(name, of_two=of_two) for name in swarm]
     faults: set[Fault] = set()
     for_good = 0
@@ -91,7 +92,7 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Kinds of faults that may be drawn, and what they may strike."""
+    """Kinds of faults that may be drawn, with the targets of each."""
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
@@ -102,26 +103,26 @@ def _more_often(name: str, *, of_two: bool) -> int:
         return _KEYED_MORE
     return (
         _LATCHED_MORE
-        if kind.injections == "latched"
+        if kind.target_kind == "latched"
         else _MANAGERS_MORE
-        if of_two and kind.injections == MANAGER
+        if of_two and kind.target_kind == MANAGER
         else 1
     )
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind is drawn in flights with a key alone."""
+    """Tell whether a kind is drawn only in flights with a key."""
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
 def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
-    """Draw what leaves the PEs without a manager, until the other one takes over or this one is back."""
+    """Draw a fault that leaves the PEs without a manager, until the other one takes over or this one is back."""
     kind, lasts_ms = random.choice([end for end in _END_OF_MASTERSHIP if of_two or KINDS[end[0]].drawn])
     return Fault(at_ms, kind, MANAGER, random.randint(*lasts_ms))
 
 
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
-    """Draw losses, and returns, that make the protocol work while an act waits."""
+    """Draw losses, and returns, that lead the protocol through its states while a fault waits for one of them."""
     others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
     if fault.during != "activating":
         return [_loss(random, fault.at_ms, others, _SILENCES if fault.during == "suspect" else _LEADS)]
@@ -142,7 +143,7 @@ def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """PEs of DEMUXes that can be driven from several."""
+    """PEs of DEMUXes that can be driven from several PEs."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in demux.branches)
@@ -155,7 +156,7 @@ def _drawn_fault(random: Random, name: str, targets: list[str], seconds: float) 
     kind = KINDS[name]
     shortest, longest = kind.lasts_ms
     at_ms = random.randrange(max(1, round(1000 * _LAST * seconds)))
-    lasts_ms = random.randint(shortest, random.randint(shortest, longest))  # the short ones more often
+    lasts_ms = random.randint(shortest, random.randint(shortest, longest))  # short times more often
     if random.random() < kind.for_good:
         lasts_ms = 0
     during = random.choices(list(_AIM), list(_AIM.values()))[0] if random.random() < _WAITS_FOR_STATE else ""

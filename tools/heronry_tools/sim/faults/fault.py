@@ -1,50 +1,50 @@
-"""What can be done to an aircraft, and an act of it: one line of a scenario.
+"""The kinds of faults of an aircraft, and one fault: one line of a scenario.
 
-Every kind says what it strikes, how long it may last (in milliseconds; 0 is "for good"), and what cannot be promised
-while it is around. As text an act is
+Every kind says what it is injected into, how long it may last (in milliseconds; 0 is "for good"), and what cannot be
+promised while it is present. As text a fault is
 
     SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]     2.013 pause pe:nav for 0.3 in preparing
 
-counted from the moment at which the first configuration runs; with a state it waits, for a while, until the protocol is
-in it (`protocol_state`).
+counted from the moment at which the first configuration runs; a fault with a state waits, for a while, until the
+protocol is in it (`protocol_state`).
 
 What is not promised, and why:
 
 - `corrupt`, `wrong` and `bias`: the data plane is not authenticated, and a module that reads a wrong number may take a
-  healthy element for a failed one (blame). Nobody is commanded by data, so everything else holds; but of what was
-  changed on its way nobody can say that it was ever sent (foreign).
+  healthy element for a failed one (blame). Data command no node, so everything else holds; but of data that were
+  changed on their way no oracle can say that they were ever sent (foreign).
 - `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
-  forged command is a command: nothing holds until it is over, and then everything has to come right again. It does
-  unless a term was made far higher than all others: PEs obey nobody else then for a long time. So chaos draws none
-  where there is no key. With one everything is promised.
-- `attack` is struck in flights with a key alone, and everything is promised there, but that on a replicated bus a frame
-  is taken once: what is said again to the bit, on the other channel, is a copy.
-- `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
-  either, since nobody is heard, and that is promised.
-- `rogue`: a stranger that sends under an identifier of ours collides with its owner, down to bus-off. The clash with it
-  is nobody's fault; the rest is promised.
+  forged command is a command: nothing holds until the fault is over, and then everything has to come right again. It
+  does, unless a term was made far higher than all others: PEs accept commands of no other manager then for a long time.
+  So without a key no seed draws it. With a key everything is promised.
+- `attack` is injected only in flights with a key, and everything is promised there, except that on a replicated bus a
+  frame is received once: a frame that is repeated to the bit, on the other channel, is a copy.
+- `babble`: a node whose identifier wins every arbitration takes the bus. No function is served then; but no PE drives
+  what is exclusive either, since no node is heard, and that is promised.
+- `rogue`: a foreign node that sends under an identifier of the aircraft collides with its owner, down to bus-off. The
+  clash with it is no violation; the rest is promised.
 - `twin`: a second node under a PE's node-ID. The manager takes it for that PE, which has started anew; the PE itself
-  lets go of what is exclusive as soon as it hears the other one. They destroy each other's frames, down to bus-off.
-- `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
-  the idle actuator for a stuck one, and report it.
-- actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
-- `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears nobody for just so long that it loses some PEs
-  and not yet the others plans without them. (One that has lost all of them says nothing.) For one whose clock jumps
-  ahead (`manager_clock_jump`) they have been silent for just so long.
-- `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
+  gives up what is exclusive as soon as it hears the other node. They destroy each other's frames, down to bus-off.
+- `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told which module drives
+  may take the idle actuator for a stuck one, and report it.
+- actuators do not fail by themselves here: whether a surface without a monitor moves, no node can know.
+- `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE for just so long that it loses some PEs
+  and not yet the others plans without them. (A manager that has lost all of them sends nothing.) For a manager whose
+  clock jumps ahead (`manager_clock_jump`) the PEs have been silent for just so long.
+- `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: no node can
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
 - `manager_double`: two managers of one number send under one number, until one of them hears the other; where both open
-  an epoch of one number nobody can tell who takes part in whose. Each may take numbers that the other one has used,
-  afterwards too: their journals are two. While a reign begins it names PEs as it comes to know them; where the clash
-  puts it off the bus then, who was not named yet holds its output.
-- `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time, and
-  with a key count its commands in that term a second time.
-- `order_fail`: a manager that is told so plans without what is well, and so does the oracle. What is not driven for
-  that may be taken for stuck. The truth is what the operator says, to the one who reigns.
-- `channel_loss` and `half_cut` take one channel of a replicated bus, from everybody or from one PE. Everything is
-  promised as long as all are left a channel that all others have.
-- `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
-  up if it lasts.
+  an epoch of one number no PE can tell whose epoch it takes part in. Each may take numbers that the other one has used,
+  afterwards too: their journals are two. While a mastership begins it names PEs as it comes to know them; where the
+  clash puts the manager off the bus then, a PE that was not named yet withholds its output.
+- `disk_full`: a manager whose journal accepts no write may begin, after a restart, a term or an epoch a second time,
+  and with a key count its commands in that term a second time.
+- `order_fail`: the active manager plans without an element that is well, and so does the oracle. What is not driven for
+  that reason may be taken for stuck. The truth is what the operator tells the active manager.
+- `channel_loss` and `half_cut` take one channel of a replicated bus, from all nodes or from one PE. Everything is
+  promised as long as every two nodes have a channel in common.
+- `stuck`: a PE whose modules hang while its heartbeat goes on is not served. The modules are ended and begin again, and
+  are given up if it lasts.
 """
 
 import re
@@ -57,11 +57,11 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_wire.frame import STANDARD_MASK
 
-MANAGER = "manager"  # the one that reigns
+MANAGER = "manager"  # the active one
 EVERYTHING = "everything"  # that is latched, or in quarantine
-MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # whom a target means
+MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # node-ID; None: the active one
 WAITS_MS = 3_000
-"""For so long an act waits for its state; then it strikes whatever the state."""
+"""For so long a fault waits for its state; then it is injected whatever the state."""
 
 _TEXT = re.compile(
     r"(?P<at>\d{1,6}(\.\d{1,3})?) (?P<kind>[a-z_]+) (?P<target>[^ ]+)"
@@ -74,23 +74,23 @@ _TEXT = re.compile(
 class Kind:
     """A kind of fault."""
 
-    injections: (
+    target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
         # element (that the operator may fail), latched, phase
     )
     lasts_ms: tuple[int, int]
-    tells: str
+    description: str
     for_good: float = 0.0  # how often it does not end
     levels: tuple[int, ...] = (0,)
-    unpromised: frozenset[str] = frozenset()  # rules of the checkers
-    excuses: bool = False  # whatever a module reports may have seemed so
+    unpromised: frozenset[str] = frozenset()  # rules of the oracles
+    excuses: bool = False  # a module's report may be wrong in good faith
     lasting: bool = False  # what is not promised is not promised afterwards either
     promised_with_key: bool = False  # in a flight with a key all of it is promised
-    drawn: bool = True  # by chaos that was not asked for it
-    of_two: bool = False  # drawn where there are two managers
-    of_keyed: bool = False  # drawn in a flight with a key
-    needs_key: bool = False  # a flight in which it strikes has a key
-    is_order: bool = False  # of the operator, to a manager that reigns
+    drawn: bool = True  # also where the user names no kinds
+    of_two: bool = False  # drawn only where there are two managers
+    of_keyed: bool = False  # drawn only in a flight with a key
+    needs_key: bool = False  # a flight in which it is injected has a key
+    is_order: bool = False  # of the operator, to the active manager
 
 
 _COMMANDED = frozenset(
@@ -104,17 +104,17 @@ _NUMBERED = frozenset(("reign", "term", "digest", "journal"))
 
 KINDS: Mapping[str, Kind] = {
     "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),
-    "reboot": Kind("pe", (1, 60), "a PE is back before anybody can miss it"),
+    "reboot": Kind("pe", (1, 60), "a PE restarts before the manager can miss it"),
     "brownout": Kind("pe", (300, 2500), "a PE dies and starts again and again"),
-    "mute": Kind("pe", (20, 2000), "a PE hears, and is not heard"),
-    "deaf": Kind("pe", (20, 2000), "a PE is heard, and does not hear"),
+    "mute": Kind("pe", (20, 2000), "a PE's transmitter fails: it hears, and is not heard"),
+    "deaf": Kind("pe", (20, 2000), "a PE's receiver fails: it is heard, and does not hear"),
     "cut": Kind("pe", (20, 2000), "the wires of a PE break"),
-    "loose": Kind("pe", (50, 1500), "a PE's plug is loose: in turn it is mute, deaf, cut off, and well"),
+    "loose": Kind("pe", (50, 1500), "a PE's plug is loose: transmitter, receiver or both fail in turn"),
     "pause": Kind("pe", (5, 1500), "a PE's processor stands still; its controller goes on"),
     "slow": Kind("pe", (100, 3000), "every step of a module takes up to 8 ms"),
-    "stuck": Kind("pe", (100, 2000), "modules hang, and the heart beats"),
+    "stuck": Kind("pe", (100, 2000), "modules hang, and the heartbeat goes on"),
     "clock_jump": Kind("pe", (0, 0), "a PE's clock jumps ahead", levels=(1, 10, 70, 300)),
-    "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors"),
+    "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors, and leaves the bus"),
     "bad_transmitter": Kind("pe", (1, 60), "a PE's controller destroys every frame it sends"),
     "half_cut": Kind(
         "twin_pe", (20, 3000), "a PE's wire to one channel of its bus breaks (level: which)", levels=(1, 2)
@@ -125,7 +125,9 @@ KINDS: Mapping[str, Kind] = {
         "what a gateway sends is late, and out of order (level: up to so many ms)",
         levels=(30, 90),
     ),
-    "inspect": Kind("pe", (5000, 30000), "somebody reads and writes objects of a PE, and errs", drawn=False),
+    "inspect": Kind(
+        "pe", (5000, 30000), "a diagnostic client reads and writes objects of a PE, and makes mistakes", drawn=False
+    ),
     "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
     "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
     "manager_cut": Kind(
@@ -134,21 +136,21 @@ KINDS: Mapping[str, Kind] = {
         "the wires of a manager break, and it goes on",
         unpromised=frozenset(("silence",)),
     ),
-    "manager_mute": Kind(MANAGER, (20, 1000), "a manager hears, and is not heard"),
+    "manager_mute": Kind(MANAGER, (20, 1000), "a manager's transmitter fails: it hears, and is not heard"),
     "manager_deaf": Kind(
         MANAGER,
         (20, 1000),
-        "a manager is heard, and does not hear",
+        "a manager's receiver fails: it is heard, and does not hear",
         unpromised=frozenset(("silence",)),
     ),
     "manager_loose": Kind(
         MANAGER,
         (50, 1500),
-        "a manager's plug is loose: in turn it is mute, deaf, cut off, and well",
+        "a manager's plug is loose: transmitter, receiver or both fail in turn",
         unpromised=frozenset(("silence",)),
     ),
     "manager_power": Kind(
-        MANAGER, (100, 2000), "a manager's power goes, and what its disk had not got is torn", drawn=False, of_two=True
+        MANAGER, (100, 2000), "a manager loses power, and what was not on its disk is torn", drawn=False, of_two=True
     ),
     "manager_clock_jump": Kind(
         MANAGER,
@@ -169,7 +171,7 @@ KINDS: Mapping[str, Kind] = {
     "disk_full": Kind(
         MANAGER,
         (100, 3000),
-        "a manager's disk takes nothing",
+        "a manager's disk accepts no write",
         unpromised=_NUMBERED,
         lasting=True,
         drawn=False,
@@ -194,9 +196,9 @@ KINDS: Mapping[str, Kind] = {
     "link_up_only": Kind("far_bus", (50, 3000), "a gateway is not heard on the bus beyond, and hears"),
     "link_down_only": Kind("far_bus", (50, 3000), "a gateway hears nothing of the bus beyond, and is heard"),
     "channel_loss": Kind("channel", (100, 3000), "a channel of a replicated bus carries nothing"),
-    "babble": Kind("bus", (5, 400), "a stranger sends without end (level: its identifier)", levels=(1, 291, 1999)),
-    "rogue": Kind("bus", (5, 400), "a stranger sends under an identifier of ours"),
-    "twin": Kind("pe", (5, 1000), "a stranger has a PE's node-ID, and says that it has just started"),
+    "babble": Kind("bus", (5, 400), "a foreign node sends without end (level: its identifier)", levels=(1, 291, 1999)),
+    "rogue": Kind("bus", (5, 400), "a foreign node sends under an identifier of the aircraft"),
+    "twin": Kind("pe", (5, 1000), "a foreign node has a PE's node-ID, and reports that it has just started"),
     "corrupt": Kind(
         "bus", (100, 2000), "data are changed past the CRC", unpromised=frozenset(("foreign",)), excuses=True
     ),
@@ -214,24 +216,24 @@ KINDS: Mapping[str, Kind] = {
     "attack": Kind(
         "bus",
         (100, 3000),
-        "somebody without the key would be believed",
+        "a node without the key sends commands and reports",
         unpromised=frozenset(("copies",)),
         drawn=False,
         of_two=True,
         of_keyed=True,
         needs_key=True,
     ),
-    "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
-    "unfit": Kind("module", (0, 0), "a module gives what its type cannot carry", for_good=1.0),
-    "wrong": Kind("module", (100, 2000), "what a module gives is off by 40, or by a bit", excuses=True),
-    "overrun": Kind("module", (50, 1000), "a module takes 30 ms"),
+    "raise": Kind("module", (0, 0), "a module raises an exception", for_good=1.0),
+    "unfit": Kind("module", (0, 0), "a module gives a value that its type cannot carry", for_good=1.0),
+    "wrong": Kind("module", (100, 2000), "a value that a module gives is off by 40, or by a bit", excuses=True),
+    "overrun": Kind("module", (50, 1000), "every step of a module takes 30 ms"),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
     "bias": Kind("device", (0, 0), "a sensor is off by 40 of its units", for_good=1.0, excuses=True),
     "order_fail": Kind(
         "element", (200, 4000), "the operator fails an element, and clears it again", for_good=0.2, is_order=True
     ),
     "order_clear": Kind("latched", (0, 0), "the operator clears whatever is latched, or in quarantine", is_order=True),
-    "order_phase": Kind("phase", (0, 0), "the operator wants another mission phase", is_order=True),
+    "order_phase": Kind("phase", (0, 0), "the operator requests another mission phase", is_order=True),
 }
 
 LEVELS: Mapping[str, tuple[int, int]] = {
@@ -255,7 +257,7 @@ class Fault:
     kind: str
     target: str  # KIND:NAME, of a channel channel:BUS.N; manager, primary, standby or everything
     lasts_ms: int = 0
-    during: str = ""  # one of STATES; empty: whatever the state
+    during: str = ""  # one of STATES; empty: in any state
     level: int = 0
 
     def __str__(self) -> str:
@@ -267,20 +269,20 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """When it is over at the latest; one that is for good has struck by then."""
+        """When it is over at the latest; a fault that is for good has been injected by then."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property
     def name(self) -> str:
-        """Name of what it strikes."""
+        """Name of its target."""
         return self.target.partition(":")[2]
 
 
 def read_fault(spec: Spec, text: str) -> Fault:
-    """Read one act; raises UserError."""
+    """Read one fault; raises UserError."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
-        raise UserError(f"'{text}' is no act; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
+        raise UserError(f"'{text}' is no fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
     kind = KINDS.get(match["kind"])
     if kind is None:
         raise UserError(f"'{text}': there is no fault '{match['kind']}'; there is {', '.join(KINDS)}")
@@ -292,7 +294,7 @@ def read_fault(spec: Spec, text: str) -> Fault:
     level = int(match["level"]) if match["level"] else kind.levels[0]
     lowest, highest = LEVELS.get(match["kind"], (0, 0))
     if not lowest <= level <= highest:
-        bounds = f"a level from {lowest} to {highest}: {kind.tells}" if highest else "no level; leave it out"
+        bounds = f"a level from {lowest} to {highest}: {kind.description}" if highest else "no level; leave it out"
         raise UserError(f"'{text}': {match['kind']} has {bounds}")
     return Fault(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
@@ -300,17 +302,17 @@ def read_fault(spec: Spec, text: str) -> Fault:
 
 
 def over_s(faults: Iterable[Fault]) -> float:
-    """Give the seconds after which all of these acts are over."""
+    """Give the seconds after which all of these faults are over."""
     return max((fault.over_ms for fault in faults), default=0) / 1000
 
 
 def is_one_of_two(target: str) -> bool:
-    """Tell whether a target names one of two managers, and nobody where there is but one."""
+    """Tell whether a target names one of two managers, and so has no meaning where there is but one."""
     return MANAGERS.get(target) is not None
 
 
 def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
-    """What chaos draws from that was not asked for a kind: what has something to strike.
+    """Kinds that a seed draws where the user names none: those that have a target.
 
     of_two: two managers fly. keyed: with a key.
     """
@@ -319,7 +321,7 @@ def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
 
 
 def possible_targets(spec: Spec, kind: str) -> list[str]:
-    """What a kind of fault can strike in a spec, in the spec's order."""
+    """Targets of a kind of fault in a spec, in the spec's order."""
     pes, modules, main_bus = list(spec.pes), list(spec.modules), spec.manager.bus
     far_buses = [bus for bus in spec.buses if bus != main_bus]
     twins = [bus for bus in spec.buses.values() if bus.channels > 1]
@@ -336,14 +338,14 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
         "element": {"pe": pes, "device": list(spec.devices), "module": modules, "bus": far_buses},
         "phase": {"phase": list(spec.phases)},
     }
-    injections = KINDS[kind].injections
-    if injections not in names:
-        return [EVERYTHING if injections == "latched" else MANAGER]
-    return [f"{kind}:{name}" for kind, there in names[injections].items() for name in there]
+    target_kind = KINDS[kind].target_kind
+    if target_kind not in names:
+        return [EVERYTHING if target_kind == "latched" else MANAGER]
+    return [f"{kind}:{name}" for kind, there in names[target_kind].items() for name in there]
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:
-    """Give the first bus of a PE that has two channels."""
+    """Give the first bus of a PE that has two channels; None where it has none."""
     return next((bus for bus in spec.pes[pe].buses if spec.buses[bus].channels > 1), None)
 
 
@@ -352,7 +354,7 @@ def _no_target(spec: Spec, kind: str, target: str, targets: list[str]) -> str:
         checked_element(spec, target)
     except UnknownElementError as error:
         return f"{error}"
-    return f"{kind} cannot strike {target}; it strikes {', '.join(targets) or 'nothing in this spec'}"
+    return f"{kind} cannot be injected into {target}; its targets are {', '.join(targets) or 'none in this spec'}"
 
 
 def _ms(seconds: str) -> int:

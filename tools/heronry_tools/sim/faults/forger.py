@@ -1,17 +1,17 @@
-"""A station that would like to be believed, and does not have the key: it listens, and says what it heard, or the like.
+"""An attacker without the key: it listens, and sends what it has heard, or the like.
 
     forged      a command of its own making, with 48 bits of its own making
-    replayed    a command and its TAG that it has heard, as old as they may be
-    reordered   the same, a few milliseconds after they were said
+    replayed    a command and its TAG that it has heard, of any age
+    reordered   the same, a few milliseconds after they were sent
     truncated   a command that it has heard, cut short, and its TAG
     foreign     a command of a manager of a higher term, tagged with another key
     slander     an EMCY of a PE against anything, or a page 1 in which it cannot stage what runs
 
-Its name begins as a stranger's does, so nobody takes what it says for commanded: whoever judges a run holds every PE to
-what the true managers have said.
+Its name begins as a foreign node's does, so the oracles take nothing that it sends for a command: they hold every PE to
+what the true managers have sent.
 
-It keeps out of the way of whom it imitates: where two send under one identifier at the same time both are destroyed,
-down to bus-off, as on a wire. No tag helps against that; it is what the fault `rogue` is for.
+It does not send at the same time as the node that it imitates: where two nodes send under one identifier at the same
+time both frames are destroyed, down to bus-off, as on a wire. No tag helps against that; the fault `rogue` covers it.
 """
 
 from random import Random
@@ -55,22 +55,22 @@ _ACCUSERS = PE_NODES[:4]  # most specs have these
 _REMEMBERED = 512
 _LEASE_IDS = {management_id(manager, Command.LEASE) for manager in (FIRST_MANAGER, LAST_MANAGER)}
 _EVERY_NS = (500_000, 4_000_000)
-_TAG_AFTER_NS = 200_000  # when the command before it has been sent
-_PAUSE_NS = 2_000_000  # after which a manager has said what it had to say
-_DUE_NS = (14_000_000, 40_000_000)  # after a LEASE the next one is about to come, on a bus that beats every 20 ms
+_TAG_AFTER_NS = 200_000  # by then the command before it has been sent
+_PAUSE_NS = 2_000_000  # after which a manager has sent what it had to send
+_DUE_NS = (14_000_000, 40_000_000)  # after a LEASE the next one is about to come, with a heartbeat period of 20 ms
 
 
 class Forger:
-    """Attacks from now on until it leaves; `attacks` counts them."""
+    """Attacks from its creation until it leaves; `attacks` counts the attacks."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
         self.attacks = 0
         self._clock, self._bus, self._random = clock, bus, random
-        self._command: Frame | None = None  # heard last
+        self._command: Frame | None = None  # the last one that was heard
         self._heard: list[tuple[Frame, Frame]] = []
-        self._epochs: dict[int, int] = {}  # that PEs run, by the identifier of their states
-        self._spoke, self._spoke_ns = 0, clock.now_ns  # who has said its state last, and when
-        self._leased_ns = self._heard_ns = clock.now_ns  # when a manager said LEASE, and anything
+        self._epochs: dict[int, int] = {}  # the epochs that PEs run, by the identifier of their states
+        self._spoke, self._spoke_ns = 0, clock.now_ns  # which PE has sent its state last, and when
+        self._leased_ns = self._heard_ns = clock.now_ns  # when a manager sent LEASE, and any frame
         key = Key(random.randbytes(KEY_BYTES))
         self._signers = [CommandSigner(key, manager, MAX_TERM) for manager in (FIRST_MANAGER, LAST_MANAGER)]
         self._station = bus.join(f"{STRANGER}forger", 0, self._hear, _COMMAND_IDS | _TAG_IDS | _STATE_IDS)
@@ -89,7 +89,7 @@ class Forger:
                 self._epochs[frame.can_id] = page.epoch
                 self._spoke, self._spoke_ns = frame.can_id, self._clock.now_ns
             elif isinstance(page, StatePage2):
-                self._heard_ns = self._clock.now_ns  # which a manager is about to answer
+                self._heard_ns = self._clock.now_ns  # a manager is about to answer this
             return
         self._heard_ns = self._clock.now_ns
         if frame.can_id in _COMMAND_IDS:
@@ -116,18 +116,18 @@ class Forger:
         self._clock.at(self._clock.now_ns + self._random.randint(*_EVERY_NS), self._attack)
 
     def _say_tag(self, frame: Frame) -> None:
-        """Say the second frame of a pair, unless somebody has begun to speak."""
+        """Send the second frame of a pair, unless a manager has begun to send."""
         if self._station.present and self._is_quiet():
             self._bus.offer(self._station, frame)
 
     def _is_quiet(self) -> bool:
-        """Tell whether no manager is likely to speak: it has done so not long ago, or not for long."""
+        """Tell whether no manager is likely to send: the last has sent not long ago, or not for long."""
         now_ns = self._clock.now_ns
         has_ended = now_ns - self._heard_ns >= _PAUSE_NS
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
 
     def _made_up(self, manager: int, term: int) -> Frame:
-        """A command that would hurt."""
+        """A command that would do harm if a PE executed it."""
         draw = self._random.randrange
         step, node, epoch = Step.GO_ALL, self._random.choice(PE_NODES), 1 + draw(0xFFFF)
         said: list[tuple[Command, ManagementMessage]] = [

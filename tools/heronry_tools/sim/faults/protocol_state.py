@@ -1,15 +1,15 @@
-"""Where the protocol stands, as the manager's events tell: for faults that are to strike at a certain moment.
+"""Where the protocol stands, as the manager's events tell: for faults that are injected in a certain state.
 
-    planning    a plan has been asked for and has not come
+    planning    a plan has been requested and has not come
     preparing   an epoch's slices are out, and some PE has not staged
     activating  the first ACTIVATE is out, and something exclusive is still held
     going       the last step is out, and some PE is not active
     suspect     none of these, and a PE has missed a heartbeat
     rejoining   none of these, and a PE that was down is heard again and held down
-    orphaned    no manager reigns that can be heard, whatever was under way before
+    orphaned    no active manager can be heard, whatever was under way before
     idle        none of these
 
-Whoever waits for a state is called at the moment at which it begins.
+A fault that waits for a state is called at the moment at which the state begins.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ _FOLLOWS = {
     "epoch_abandoned": "planning",
     "reconfigured": "idle",
 }
-_FORGOTTEN_AFTER_NS = 2_000_000_000  # who was heard again and fell silent before the end of its hold-down
+_FORGOTTEN_AFTER_NS = 2_000_000_000  # a PE that fell silent again before the end of its hold-down
 
 
 class ProtocolState:
@@ -80,25 +80,25 @@ class ProtocolState:
             self._returning.clear()
         self._moved()
 
-    def had_mastership(self, *, by_somebody: bool) -> None:
-        """Some manager reigns now, or nobody does."""
-        if self._is_orphaned is by_somebody:
-            self._is_orphaned = not by_somebody
+    def set_active_manager(self, *, is_heard: bool) -> None:
+        """Note whether an active manager can be heard now."""
+        if self._is_orphaned is is_heard:
+            self._is_orphaned = not is_heard
             self._moved()
 
     def _moved(self) -> None:
-        """It may be in another state than before."""
+        """Count the state, and call what waits for it, if the state has changed."""
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1
-        self._call_who_waits()
+        self._call_waiting()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
-        """Call when the protocol is in a state, once, at `not_before_ns` or as soon after that as it comes to be."""
+        """Call `what` once in `state`: at `not_before_ns`, or when the state next begins after that."""
         self._waiting.append((state, not_before_ns, what))
-        self._clock.at(not_before_ns, self._call_who_waits)
+        self._clock.at(not_before_ns, self._call_waiting)
 
-    def _call_who_waits(self) -> None:
+    def _call_waiting(self) -> None:
         if not self._waiting:
             return
         state, now_ns = self.now, self._clock.now_ns

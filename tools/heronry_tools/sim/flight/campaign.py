@@ -1,8 +1,8 @@
-"""Many flights: in parallel, in the order of their seeds, and what they have reached all together.
+"""Many flights: in parallel, in the order of their seeds, and what all of them together have reached.
 
-Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
-was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. All states are aimed at
-(`chaos`), with one manager and with two, and whether or not the spec has a DEMUX.
+Flight hours alone say little. What counts is which faults were injected in which state of the protocol (`Coverage`): a
+cell with no injection was never tried, and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults
+aim at all states (`drawing`), with one manager and with two, and whether or not the spec has a DEMUX.
 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
@@ -27,14 +27,15 @@ R = TypeVar("R")
 ENOUGH = 30
 _HEAD_WIDTH = max(map(len, KINDS))
 _POLITENESS = 10
-_COLLECTED_AFTER = 100_000  # objects that were made and are still there
-_SPECS: list[Spec] = []  # the one of a worker process
+_COLLECTED_AFTER = 100_000  # objects that were allocated and not freed since
+_SPECS: list[Spec] = []  # the one spec of a worker process
 
 
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
-    """Fly on that many processors, at most one a flight, each by `fly`; what is not waited for any more is stopped.
+    """Fly on `jobs` processors, at most one per flight, each flight by `fly`; yields the results in order.
 
-    SIGTERM then ends the program as Ctrl-C does, with 143. Raises UserError where a process of ours has died.
+    Flights that the caller no longer waits for are stopped. SIGTERM then ends the program as Ctrl-C does, with 143.
+    Raises UserError where a worker process has died.
     """
     jobs = min(jobs, len(flights))
     if jobs <= 1:
@@ -49,16 +50,16 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
 
 
 def collect_seldom() -> None:
-    """Let the garbage collector leave alone what is there, and look at the rest seldom: flights make little garbage."""
+    """Exempt the objects that exist now from garbage collection, and collect seldom: a flight makes little garbage."""
     gc.freeze()
     gc.set_threshold(_COLLECTED_AFTER)
 
 
 class Coverage:
-    """Which kinds of faults have struck in which states, of those that there are for a spec."""
+    """Which kinds of faults were injected in which states, of the kinds that exist for a spec."""
 
     def __init__(self, spec: Spec, *, of_two: bool = False) -> None:
-        """Expect whatever is drawn for a spec; of_two: in flights with two managers."""
+        """Expect every kind that is drawn for a spec; of_two: in flights with two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
         self._unverified_ns: Counter[str] = Counter()
@@ -66,20 +67,20 @@ class Coverage:
         self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
 
     def add(self, outcome: Outcome) -> None:
-        """Count one flight."""
+        """Add the injections, states and waivers of one flight."""
         self.hits += outcome.hits
         self.entered += outcome.entered
         self._unverified_ns += outcome.unverified
         self._flown_ns += outcome.virtual_ns
 
     def unverified(self) -> dict[str, float]:
-        """Share of the time in which a rule was not judged, in per cent, the largest first."""
+        """Share of the time in which an oracle's rule was waived, in per cent, the largest first."""
         return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unverified_ns.most_common()}
 
     def cells(self) -> dict[tuple[str, str], int]:
-        """Hits of every cell that can be reached: the kind has something to strike, and the state was entered.
+        """Count of injections for every cell that can be reached: the kind has a target, and the state was entered.
 
-        Nobody can give an order while no manager reigns.
+        An operator can give no order while no manager is active.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]
@@ -88,20 +89,20 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Lines: kinds of faults by states, how often each state was entered, and how thin the table is."""
+        """Lines: kinds of faults by states, how often each state was entered, and how many cells are hardly tried."""
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))
-        lines = [_row("strikes in state", STATES)]
+        lines = [_row("faults in state", STATES)]
         lines += [_row(kind, [cells.get((kind, state), "-") for state in STATES]) for kind in kinds]
         lines.append(_row("entered", [self.entered[state] for state in STATES]))
         thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
-        lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}")
+        lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} faults{least}")
         shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unverified().items())
-        return [*lines, f"not judged, of the time: {shares}"] if shares else lines
+        return [*lines, f"not verified, of the time: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
-        """The same, for JSON."""
+        """Give the same as `table`, for JSON."""
         cells = self.cells()
         return {
             "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
@@ -112,7 +113,7 @@ class Coverage:
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:
-        """Cells that were hardly tried."""
+        """Cells with fewer than `ENOUGH` injections."""
         return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
 
     def _states(self) -> list[str]:
@@ -124,14 +125,14 @@ def _row(head: str, columns: Sequence[object]) -> str:
 
 
 def _begin(spec_file: Path) -> None:
-    """Start a worker, which stands back."""
+    """Start a worker process with low priority, and load the spec."""
     os.nice(_POLITENESS)
     _SPECS.append(load(spec_file))
     collect_seldom()
 
 
 class _Flier(Generic[T, R]):
-    """Flies in a worker process, with the spec that is there."""
+    """Flies in a worker process, with the spec that it has loaded."""
 
     def __init__(self, fly: Callable[[Spec, T], R]) -> None:
         self._fly = fly

@@ -1,21 +1,22 @@
-"""Every reconfiguration of a small aircraft, with every message of it struck in every way: exhaustive, not drawn.
+"""Every reconfiguration of a small aircraft, with every fault in every message of it: exhaustive, not drawn.
 
 A *story* is what makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises,
-each sensor that dies, each PE and device that the operator fails, and clears again, each module that he clears after it
-has failed, each phase, by his word or as a module asks for it, and, where there are two managers, the death of the one
-that reigns. It is flown once undisturbed, and the frames of the management are counted, from the first one after the
-story begins to the last one before its last reconfiguration is done. Then it is flown again for every *blow*:
+each sensor that dies, each PE and device that the operator fails and clears again, each module that the operator clears
+after it has failed, each phase, requested by the operator or by a module, and, where there are two managers, the death
+of the active one. It is flown once undisturbed, and the frames of the management are counted, from the first one after
+the story begins to the last one before its last reconfiguration is done. Then it is flown again for every *frame
+fault*:
 
-    N lost VICTIM       the N-th frame is not received, by one node or by nobody
+    N lost VICTIM       the N-th frame is not received, by one node or by all nodes
     N doubled VICTIM    ... or is received twice
-    N late-MS VICTIM    ... or that much later, behind what was sent after it: by a driver, or by everybody
+    N late-MS VICTIM    ... or that much later, behind what was sent after it: by the driver of one node, or of all
     N crash VICTIM      once it has been received the node dies, and is started again
     N death VICTIM      ... or is not (a PE; of two managers the first one)
 
-Whatever becomes of a single message, all of the simulator's judges must be content, and the end must be the best one.
-Two blows in one flight are far too many to be flown all; they are drawn.
+Whatever happens to a single message, all oracles of the simulator must hold, and the end must be the best
+configuration. Two frame faults in one flight are far too many to be flown all; they are drawn.
 
-As text a case is STORY: BLOW, BLOW    for example    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
+As text a case is STORY: FAULT, FAULT    for example    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
 """
 
 import re
@@ -38,7 +39,7 @@ from heronry_tools.sim.world.node import Node
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 
-EVERYBODY = "everybody"
+ALL_NODES = "everybody"
 KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
 
 _SEATS = ("primary", "standby")
@@ -46,33 +47,33 @@ _TAKEOVER = "takeover"
 _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
 _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
-_AWAY_MS = 1_500  # before it returns
+_AWAY_MS = 1_500  # before a lost PE returns
 _REBOOT_MS = 3
-_RAISES_MS = 1_400  # for long enough to be given up
+_RAISES_MS = 1_400  # for long enough that the PE gives the module up
 _BY_THEIR_END = ("return", "clear")
 _DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
-_ADMITTED_NS = 60 * MS  # three beats
+_ADMITTED_NS = 60 * MS  # three heartbeat periods
 _QUIET_NS = 1_000 * MS  # without another end: the story is over
 _LOOK_NS = 100 * MS
-_LONGEST_NS = 4_000 * MS  # a flight, before everything is brought to its end
-_BLOW = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
+_LONGEST_NS = 4_000 * MS  # of a flight, before everything is brought to its end
+_FRAME_FAULT = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the aircraft is flown: plans on board for so many faults (None: no plans), a key, two managers."""
+    """How the aircraft is flown: contingencies on board for so many faults (None: none), a key, two managers."""
 
     foreseen: int | None = None
     keyed: bool = False
     standby: bool = False
 
     def take_off(self, spec: Spec) -> Simulation:
-        """Switch it on."""
+        """Give a new simulation of a spec, with every node switched on."""
         return Simulation(spec, contingencies=self.foreseen, key=KEY if self.keyed else None, standby=self.standby)
 
     def nodes(self, spec: Spec) -> list[str]:
-        """Who may be struck."""
+        """Give the nodes that a frame fault can be injected into."""
         return [*(_SEATS if self.standby else (MANAGER,)), *(f"pe:{pe}" for pe in spec.pes)]
 
 
@@ -80,8 +81,8 @@ PLAIN = Setup()
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Blow:
-    """What happens to one frame, or with it."""
+class FrameFault:
+    """What happens to one frame, or to a node as soon as the frame has been received."""
 
     number: int
     kind: str
@@ -93,19 +94,19 @@ class Blow:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One flight."""
+    """One flight: a story and its frame faults."""
 
     story: str
-    blows: tuple[Blow, ...]
+    faults: tuple[FrameFault, ...]
     setup: Setup = PLAIN
-    named: bool = False  # by somebody, who is told what of it has not happened
+    named: bool = False  # by the user, who is told which of its faults have not happened
 
     def __str__(self) -> str:
-        return f"{self.story}: {', '.join(map(str, self.blows))}"
+        return f"{self.story}: {', '.join(map(str, self.faults))}"
 
 
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
-    """Everything that may make an aircraft reconfigure."""
+    """Give everything that can make an aircraft reconfigure."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
     devices = [f"device:{device}" for device in spec.devices]
     there = {
@@ -122,47 +123,47 @@ def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
 
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
-    """Every blow to every frame of a story, one at a time; none where nothing is reconfigured."""
-    return [Case(story, (blow,), setup) for blow in _blows(setup.nodes(spec), _senders(spec, story, setup))]
+    """Every frame fault in every frame of a story, one at a time; none where nothing is reconfigured."""
+    return [Case(story, (fault,), setup) for fault in _frame_faults(setup.nodes(spec), _senders(spec, story, setup))]
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
-    """Draw that many pairs of blows from those of one story each."""
+    """Draw that many pairs of frame faults, each pair from the cases of one story."""
     random = Random(f"pairs of {seed}")
-    by_story: dict[str, list[Blow]] = {}
+    by_story: dict[str, list[FrameFault]] = {}
     for case in cases:
-        by_story.setdefault(case.story, []).extend(case.blows)
+        by_story.setdefault(case.story, []).extend(case.faults)
     for _ in range(count if by_story else 0):
         story = random.choice(list(by_story))
         yield Case(story, tuple(sorted(random.sample(by_story[story], 2))), cases[0].setup)
 
 
 def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
-    """Read a case; raises UserError."""
-    *told, blows = text.split(": ")
+    """Read a case from its text; raises UserError."""
+    *told, faults = text.split(": ")
     story = ": ".join(told)
     there = stories(spec, setup)
     if story not in there:
         raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
-    victims = [EVERYBODY, *setup.nodes(spec)]
-    return Case(story, tuple(_read_blow(victims, blow) for blow in blows.split(", ")), setup, named=True)
+    victims = [ALL_NODES, *setup.nodes(spec)]
+    return Case(story, tuple(_read_frame_fault(victims, fault) for fault in faults.split(", ")), setup, named=True)
 
 
 def fly_case(spec: Spec, case: Case) -> list[Violation]:
-    """Fly a case; gives what must not be."""
+    """Fly a case; gives the violations."""
     simulation = case.setup.take_off(spec)
     try:
         injections = begin(simulation, case.story)
-        assailant = _Assailant(simulation, case.blows, injections.injected)
+        injector = _FrameFaultInjector(simulation, case.faults, injections.injected)
         _fly(simulation)
         targets = [case.story.partition(" ")[2] or MANAGER]
-        targets += [blow.victim if blow.kind in _DEATHS else EVERYBODY for blow in case.blows]
+        targets += [fault.victim if fault.kind in _DEATHS else ALL_NODES for fault in case.faults]
         violations = end_flight(simulation, injections, targets)
-        missed = assailant.missed() if case.named else ()
+        missed = injector.missed() if case.named else ()
         return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]
     except UserError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+    except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         return ended_by(simulation, error)
 
 
@@ -174,19 +175,19 @@ def _fly(simulation: Simulation) -> None:
         simulation.run_for(_LOOK_NS)
 
 
-def _read_blow(victims: Sequence[str], text: str) -> Blow:
-    match = _BLOW.fullmatch(text.strip())
+def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
+    match = _FRAME_FAULT.fullmatch(text.strip())
     if match is None or match["kind"] not in KINDS:
-        raise UserError(f"'{text}' is no blow; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
+        raise UserError(f"'{text}' is no fault of a frame; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
-    if match["kind"] in _DEATHS and match["victim"] == EVERYBODY:
+    if match["kind"] in _DEATHS and match["victim"] == ALL_NODES:
         raise UserError(f"'{text}': one node dies at a time; name it: {', '.join(victims[1:])}")
-    return Blow(int(match["number"]), match["kind"], match["victim"])
+    return FrameFault(int(match["number"]), match["kind"], match["victim"])
 
 
 def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
-    """Who sends the frames of a story, in order, as victims are called."""
+    """Give the senders of a story's frames, in order, named as victims are."""
     simulation = setup.take_off(spec)
     begin(simulation, story)
     seen: list[Sent] = []
@@ -204,22 +205,22 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """When something came to its end: a reconfiguration, or that a PE is admitted to what runs already."""
+    """Give the times at which something was completed: a reconfiguration, or the admission of a PE to what runs."""
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
 
 
-def _blows(nodes: Sequence[str], senders: list[str]) -> Iterator[Blow]:
+def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFault]:
     for number, sender in enumerate(senders):
-        receivers = [EVERYBODY, *(node for node in nodes if node != sender)]
-        yield from (Blow(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
-        yield from (Blow(number, "crash", victim) for victim in nodes)
-        yield from (Blow(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
+        receivers = [ALL_NODES, *(node for node in nodes if node != sender)]
+        yield from (FrameFault(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
+        yield from (FrameFault(number, "crash", victim) for victim in nodes)
+        yield from (FrameFault(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Give what makes the aircraft reconfigure; of some (_BY_THEIR_END) it is the end that does."""
+    """Give what makes the aircraft reconfigure; for some stories (_BY_THEIR_END) it is the end of the fault."""
     what, _, target = story.partition(" ")
     match what:
         case "start" | "request":
@@ -247,7 +248,7 @@ def begin(simulation: Simulation, story: str) -> Injections:
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
-            raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
+            raise UserError(f"this aircraft has no story: it does not start ({simulation.unsettled()[0]})")
     injections = Injections(simulation, _faults(story), simulation.now_ns)
     what, _, target = story.partition(" ")
     if what in _BY_THEIR_END:
@@ -259,7 +260,7 @@ def begin(simulation: Simulation, story: str) -> Injections:
 
 
 def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
-    """Let something be done with every frame of the management on the managers' bus."""
+    """Call `what` with every frame of the management on the managers' bus."""
 
     def tap(sent: Sent) -> None:
         if classify(sent.frame.can_id).use in _COUNTED:
@@ -274,48 +275,48 @@ def _victim(sender: str, setup: Setup) -> str:
     return next(seat for seat in _SEATS if sender.endswith(str(MANAGERS[seat]))) if setup.standby else MANAGER
 
 
-class _Assailant:
-    """Counts the frames of a flight, and strikes."""
+class _FrameFaultInjector:
+    """Counts the management frames of a flight, and injects the frame faults."""
 
-    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...], injected: list[Injected]) -> None:
-        """Note in `struck` what is done, for who judges silences."""
-        self._simulation, self._blows, self._injected = simulation, blows, injected
+    def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
+        """Append to `injected` what is done, for the oracle of silences."""
+        self._simulation, self._frame_faults, self._injected = simulation, faults, injected
         self._count = -1
-        self._landed: set[Blow] = set()
+        self._done: set[FrameFault] = set()
         self._bus = simulation.wiring.buses[simulation.spec.manager.bus]
         self._bus.tamper = self._tamper
 
     def missed(self) -> list[str]:
-        """Say which blows have struck nobody."""
-        why = f"there was no such frame, or nobody to strike with it; {self._count + 1} were sent in this flight"
-        return [f"'{blow}' did not strike: {why}" for blow in self._blows if blow not in self._landed]
+        """Say which frame faults were not injected."""
+        why = f"there was no such frame, or its victim did not run; {self._count + 1} were sent in this flight"
+        return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Say what becomes of a frame that has just been sent, and nobody has received yet."""
+        """Say what happens to a frame that has just been sent, before any node has received it."""
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None
         self._count += 1
         tampering = None
-        for blow in self._blows:
-            if blow.number == self._count:
-                tampering = self._inject(blow, sent) or tampering
+        for fault in self._frame_faults:
+            if fault.number == self._count:
+                tampering = self._inject(fault, sent) or tampering
         return tampering
 
-    def _inject(self, blow: Blow, sent: Sent) -> Tampering | None:
+    def _inject(self, fault: FrameFault, sent: Sent) -> Tampering | None:
         now_ns = self._simulation.now_ns
-        if self._nodes(blow.victim) and (blow.kind in _DEATHS or self._station_name(blow.victim) != sent.sender):
-            self._landed.add(blow)
-        if blow.kind not in _DEATHS:
+        if self._nodes(fault.victim) and (fault.kind in _DEATHS or self._station_name(fault.victim) != sent.sender):
+            self._done.add(fault)
+        if fault.kind not in _DEATHS:
             self._injected.append(Injected(None, now_ns, now_ns))
-        if blow.kind in ("lost", "doubled"):
-            receiver = None if blow.victim == EVERYBODY else self._station_name(blow.victim)
-            return Tampering(0 if blow.kind == "lost" else 2, receiver)
-        if blow.kind.startswith("late-"):
-            delay_ns = int(blow.kind.partition("-")[2]) * MS
-            for node in self._nodes(blow.victim):
+        if fault.kind in ("lost", "doubled"):
+            receiver = None if fault.victim == ALL_NODES else self._station_name(fault.victim)
+            return Tampering(0 if fault.kind == "lost" else 2, receiver)
+        if fault.kind.startswith("late-"):
+            delay_ns = int(fault.kind.partition("-")[2]) * MS
+            for node in self._nodes(fault.victim):
                 self._hold_back(node, delay_ns)
         else:
-            self._simulation.at(now_ns, lambda: self._crash(blow))
+            self._simulation.at(now_ns, lambda: self._crash(fault))
         return None
 
     def _nodes(self, victim: str) -> list[Node]:
@@ -323,11 +324,11 @@ class _Assailant:
         nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.fleet.running.items()}
         names = {FIRST_MANAGER: MANAGER} if not managers.are_two else {MANAGERS[one]: one for one in _SEATS}
         nodes |= {names[seat]: manager for seat, manager in managers.running.items()}
-        return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
+        return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Name of a victim's station; empty where it does not run, or is everybody."""
-        if victim == EVERYBODY:
+        """Name of a victim's station; empty where it does not run, or where the victim is every node."""
+        if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):
             return victim.removeprefix("pe:")
@@ -346,22 +347,22 @@ class _Assailant:
 
                 station.listener = hold
 
-    def _crash(self, blow: Blow) -> None:
-        """Let a node die, and come back; of two managers the death of one is an instant: the other one reigns."""
-        simulation, returns = self._simulation, blow.kind == "crash"
+    def _crash(self, fault: FrameFault) -> None:
+        """Let a node die, and come back; of two managers the death of one is over at once: the other one takes over."""
+        simulation, returns = self._simulation, fault.kind == "crash"
         now_ns = simulation.now_ns
-        if blow.victim in MANAGERS:
-            seat, back_ns = MANAGERS[blow.victim] or FIRST_MANAGER, now_ns + _MANAGER_BACK_NS
+        if fault.victim in MANAGERS:
+            seat, back_ns = MANAGERS[fault.victim] or FIRST_MANAGER, now_ns + _MANAGER_BACK_NS
             if seat in simulation.managers.running:
                 simulation.managers.kill(seat)
                 self._injected.append(Injected(None, now_ns, back_ns if returns else now_ns))
                 if returns:
                     simulation.at(back_ns, lambda: self._manager_back(seat))
             return
-        pe, back_ns = blow.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
+        pe, back_ns = fault.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
         if pe in simulation.fleet.running:
             simulation.fleet.kill(pe)
-            self._injected.append(Injected(blow.victim, now_ns, back_ns if returns else None))
+            self._injected.append(Injected(fault.victim, now_ns, back_ns if returns else None))
             if returns:
                 simulation.at(back_ns, lambda: simulation.fleet.restore(pe))
 

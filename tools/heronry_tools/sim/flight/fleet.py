@@ -1,4 +1,4 @@
-"""The PEs of one flight: they start, die, start anew, are cut off, and may be given the table of another spec."""
+"""The PEs of one flight: they start, die, restart, are cut off, and may be given the table of another spec."""
 
 import hashlib
 from collections.abc import Collection, Mapping
@@ -36,12 +36,12 @@ class Fleet:
         key: Key | None,
         absent: Collection[str],
     ) -> None:
-        """tables: what each is given. key: with which they prove what they say.
+        """tables: what each PE is given. key: with which PEs authenticate what they send; None: without a key.
 
-        absent: PEs that are not there until they `arrive`.
+        absent: PEs that are not on the aircraft until `arrive` is called.
         """
         self.running: dict[str, SimulatedPe] = {}
-        self.broken_modules: dict[str, str] = {}  # how a module fails, or for what it ASKS, wherever it runs
+        self.broken_modules: dict[str, str] = {}  # how a module fails, or which phase it requests, wherever it runs
         self.tables = tables
         self._clock, self._clocks = clock, clocks
         self._wiring, self._world = wiring, world
@@ -59,14 +59,14 @@ class Fleet:
         return sorted(source.identifier for source in next(iter(self.tables.values())).sources)
 
     def kill(self, pe: str) -> None:
-        """Let a PE die now; one that is dead stays so."""
+        """Let a PE die now; a PE that is dead stays so."""
         dead = self.running.pop(pe, None)
         if dead is not None:
             dead.stop()
             self._truth.failed(f"pe:{pe}")
 
     def restore(self, pe: str) -> None:
-        """Start a PE that is not running, and is there: a new incarnation, on a clock of its own."""
+        """Start a PE that is not running and not absent: a new incarnation, with a clock of its own."""
         if pe in self.running or pe in self._absent:
             return
         self._incarnations[pe] += 1
@@ -90,7 +90,7 @@ class Fleet:
         )
 
     def arrive(self, pe: str) -> None:
-        """Start a PE, also one that has not been there yet."""
+        """Start a PE that may have been absent so far."""
         self._absent.discard(pe)
         self.restore(pe)
 
@@ -100,26 +100,26 @@ class Fleet:
         self._truth.failed(f"pe:{pe}")
 
     def make_fresh(self, pe: str) -> None:
-        """Let it start with the right one again."""
+        """Let a PE start with the right table again."""
         self._stale.discard(pe)
 
     def cut(self, pe: str) -> None:
-        """Break the wires of a PE that lives on; of one that is dead nothing is left to cut off."""
+        """Break the wires of a PE that lives on; a dead PE has nothing left to cut off."""
         if pe in self.running:
             self.running[pe].wire(cut_off=True)
             self._truth.cut(f"pe:{pe}")
 
     def mend(self, pe: str) -> None:
-        """Mend them."""
+        """Mend the wires of a PE that was cut off."""
         if pe in self.running:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
 
     def fail_receiver(self, pe: str, duration_ns: int) -> None:
-        """Let a PE that lives hear nothing for a while, and be heard all the same."""
-        receive_failed = self.running[pe]
-        receive_failed.wire(receive_failed=True)
-        self._clock.at(self._clock.now_ns + duration_ns, lambda: receive_failed.wire(receive_failed=False))
+        """Let a running PE's receiver fail for `duration_ns`, while its frames still go out."""
+        node = self.running[pe]
+        node.wire(receive_failed=True)
+        self._clock.at(self._clock.now_ns + duration_ns, lambda: node.wire(receive_failed=False))
 
     def _table(self, pe: str) -> PeTable:
         table = self.tables[pe]

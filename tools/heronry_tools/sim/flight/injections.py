@@ -1,9 +1,9 @@
-"""The acts of one flight: each strikes at its time, or in the state that it waits for, and is ended in time.
+"""The faults of one flight: each is injected at its time, or in the state that it waits for, and is ended in time.
 
-What was struck, and when, is kept for who judges the flight (`struck`). How each kind strikes is in `injection`.
+What was injected, and when, is kept for the oracles (`injected`). How each kind is injected is in `injection`.
 
-Every act draws from a generator of its own, seeded by the run's seed and the act's text, so that leaving one act out of
-a list changes nothing about the others: a failing list can be made shorter.
+Every fault draws from a generator of its own, seeded by the run's seed and the fault's text, so that leaving one fault
+out of a list changes nothing about the others: a failing list can be made shorter.
 """
 
 from collections import Counter
@@ -11,7 +11,7 @@ from random import Random
 
 from heronry_tools.sim.faults.fault import KINDS, WAITS_MS, Fault, replicated_bus
 from heronry_tools.sim.flight.injection.inject import End
-from heronry_tools.sim.flight.injection.table import STRIKES
+from heronry_tools.sim.flight.injection.table import INJECTIONS_BY_KIND
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.waivers import REPORTS, Waiver
@@ -21,13 +21,13 @@ _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 
 
 class Injections:
-    """Carries out the acts of one run; `hits` counts them by kind and by the state in which they struck."""
+    """Injects the faults of one run; `hits` counts the injections by kind and by the state in which they were made."""
 
     def __init__(self, simulation: Simulation, faults: tuple[Fault, ...], start_ns: int) -> None:
-        """Schedule the acts, counted from `start_ns`."""
+        """Schedule the faults, with times counted from `start_ns`."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.injected: list[Injected] = []
-        self.state_of: dict[Fault, str] = {}  # in which each act has struck
+        self.state_of: dict[Fault, str] = {}  # the state in which each fault was injected
         self._simulation = simulation
         self._ends: dict[Fault, End] = {}
         self._begun: dict[Fault, int] = {}
@@ -37,7 +37,7 @@ class Injections:
             self._schedule(fault, start_ns + fault.at_ms * MS)
 
     def heal(self) -> None:
-        """End whatever can be ended; nothing strikes any more."""
+        """End every fault that can be ended; nothing is injected any more."""
         self._healed = True
         for fault in list(self._ends):
             self._end(fault)
@@ -52,7 +52,7 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a moment after its state has begun; where that is over by then, the next time."""
+        """Inject a moment after the fault's state has begun; where the state is over by then, the next time."""
         simulation = self._simulation
 
         def inject() -> None:
@@ -71,7 +71,7 @@ class Injections:
             return
         self._begun[fault] = self._simulation.now_ns
         state = self._simulation.managers.protocol.now
-        end = STRIKES[fault.kind](self._simulation, fault, self._random(fault))
+        end = INJECTIONS_BY_KIND[fault.kind](self._simulation, fault, self._random(fault))
         if end is None:
             return
         self._simulation.managers.see_active_manager()
@@ -92,9 +92,9 @@ class Injections:
             self._note(fault, self._simulation.now_ns)
 
     def _note(self, fault: Fault, to_ns: int | None) -> None:
-        """Keep what was done for whoever judges the flight; a fault in an instant leaves nothing behind."""
+        """Keep what was done, for the oracles; a fault in an instant leaves nothing behind."""
         kind = KINDS[fault.kind]
-        of_one = kind.injections in _OF_ONE_ELEMENT and not kind.excuses
+        of_one = kind.target_kind in _OF_ONE_ELEMENT and not kind.excuses
         from_ns = self._begun[fault]
         if to_ns is None and not kind.for_good:
             to_ns = from_ns
@@ -103,15 +103,15 @@ class Injections:
         self.injected.append(Injected(self._element(fault) if of_one else None, from_ns, to_ns))
 
     def _unpromised(self, fault: Fault) -> frozenset[str]:
-        """Rules that nobody can promise while an act is around."""
+        """Rules of the oracles that cannot be promised while a fault is present."""
         kind = KINDS[fault.kind]
         if kind.promised_with_key and self._simulation.key is not None:
             return frozenset()
         return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, fault: Fault) -> str:
-        """What is as good as down; who has one channel alone is as well served as everybody would be with that one."""
-        bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].injections == "twin_pe" else None
+        """What is as good as down: a PE without one channel of its bus is served as if all PEs were without it."""
+        bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
 
     def _random(self, fault: Fault) -> Random:

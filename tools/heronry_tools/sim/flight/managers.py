@@ -1,7 +1,7 @@
-"""The managers of one flight, each in its seat: they start, die, and may be started twice; and what they tell.
+"""The managers of one flight, each in its seat: they start, die, may be started twice, and report their events.
 
-A seat is a manager's node, or -node for one that is started on another computer as if that were its own number. Each
-has a disk with its journal, which outlives it.
+A seat is a manager's node, or -node for a manager that is started on another computer under the same number. Each seat
+has a disk with its journal, which outlives the manager.
 """
 
 from collections.abc import Callable, Mapping
@@ -49,9 +49,9 @@ class Managers:
         planners: Planners,
         decide_ns: Callable[[], int],
     ) -> None:
-        """are_two: 126 and 127 fly, and each stands by while the other one has the term.
+        """are_two: 126 and 127 fly, and each stands by while the other one is active.
 
-        disks: by seat. key: with which they prove what they say. decide_ns: draws how long the next plan takes.
+        disks: by seat. key: with which managers authenticate what they send. decide_ns: draws the time of a plan.
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[dict[str, Any]] = []
@@ -64,14 +64,14 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """The manager that reigns; where none does, the first one there is."""
+        """The active manager; where none is active, the first one that runs."""
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
         return max(active_manager, key=lambda one: one.core.term, default=first)
 
     @property
     def commanding(self) -> SimulatedManager | None:
-        """The manager that reigns, if its processor does not stand still."""
+        """The active manager, if its processor does not stand still."""
         manager = self.foremost
         return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
@@ -80,9 +80,9 @@ class Managers:
         return [event for event in self.events if event["event"] == kind]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
-        """Start a manager, with its journal; one that only advises, where that is asked for.
+        """Start a manager, with its journal; with `advise` one that only advises.
 
-        standby: whether it stands by where another one reigns; by default where there are two.
+        standby: whether it stands by where another manager is active; by default where there are two.
         """
         self.running[seat] = SimulatedManager(
             self._clock,
@@ -103,13 +103,13 @@ class Managers:
         )
 
     def double(self, node: int, *, standby: bool) -> None:
-        """Start a manager that runs once more, somewhere else, with a copy of its journal."""
+        """Start a second manager under the number of one, on another computer, with a copy of its journal."""
         self.disks[-node] = Disk(self._spec, self.disks[node].data)
         self._checks.manager_copied(_station(node), _station(-node))
         self.start(-node, standby=standby)
 
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
-        """Let a manager die now: this one, or the one that reigns. `torn`: of power, which tears its journal so."""
+        """Let a manager die now: this one, or the active one. `torn`: by loss of power, which tears its journal so."""
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):
             if one is victim:
@@ -122,14 +122,14 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Tell the protocol's state whether some manager can be heard that reigns."""
+        """Tell the protocol's state whether an active manager can be heard."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )
-        self.protocol.had_mastership(by_somebody=any(active_manager))
+        self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Take an event of a manager; of one that stands by, only what concerns itself."""
+        """Keep an event of a manager; of a standby manager only what concerns itself."""
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):
@@ -146,6 +146,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """What is on the disk of a manager's station; nothing where the disk takes nothing."""
+    """What the disk of a manager's station holds; empty where the disk accepts no write."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

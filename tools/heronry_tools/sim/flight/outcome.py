@@ -1,7 +1,6 @@
-"""A scenario and its outcome: what is done to an aircraft, and what came of it.
+"""A scenario and its outcome: which faults an aircraft suffers, and how the flight went.
 
-A flight starts when the first configuration runs. Then the acts are played, chaos first, and rest after it
-(`end_of_flight`).
+A flight starts when the first configuration runs. Then the faults are injected, and rest follows (`end_of_flight`).
 """
 
 from collections import Counter
@@ -21,30 +20,30 @@ from heronry_wire.authentication import KEY_BYTES, Key
 _NS_PER_S = 1_000_000_000
 _MS = 1_000_000
 KEY = Key(bytes(KEY_BYTES))
-"""Key of every flight that has one: nobody here could guess it any better."""
+"""Key of every flight that has one; the attackers of the simulator do not know it."""
 
 _LONGEST_START_NS = 20 * _NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What is done, and how bad the buses are all the while."""
+    """Which faults are injected, and how bad the buses are all the while."""
 
     seed: int
     seconds: float
     faults: tuple[Fault, ...]
     loss: float = 0.0
-    drawn: bool = False  # the acts are just those that the seed draws
-    keyed: bool = False  # managers and PEs have a key; where an act needs one they have it anyway
+    drawn: bool = False  # the faults are exactly those that the seed draws
+    keyed: bool = False  # managers and PEs have a key; where a fault needs one they have it anyway
     standby: bool = False  # there are two managers
-    foreseen: int | None = None  # plans for up to so many faults are made ahead and on board; None: for none
+    foreseen: int | None = None  # contingencies for up to so many faults are planned ahead and on board; None: none
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of it; `hits` counts the strikes by kind and state of the protocol, `entered` the states.
+    """How a flight went; `hits` counts the injections by kind and state of the protocol, `entered` the states.
 
-    unjudged: for how long each rule was not judged, in ns.
+    unjudged: for how long each rule was waived, in ns.
     """
 
     scenario: Scenario
@@ -59,12 +58,12 @@ class Outcome:
 
 
 def lossy(share: float) -> Faults:
-    """A bus on which this share of all frames is destroyed, and a tenth of it missed or received twice by somebody."""
+    """A bus on which this share of all frames is destroyed, and some receiver misses or doubles a tenth of it."""
     return Faults(share, share / 10, share / 10)
 
 
 def need_key(faults: Iterable[Fault]) -> bool:
-    """Tell whether a flight with these acts has a key."""
+    """Tell whether a flight with these faults needs a key."""
     return any(KINDS[fault.kind].needs_key for fault in faults)
 
 
@@ -82,7 +81,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     hits: Counter[tuple[str, str]] = Counter()
     try:
         violations = _fly(simulation, scenario, hits)
-    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+    except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = ended_by(simulation, error)
     return Outcome(
         scenario,

@@ -1,12 +1,12 @@
-"""A failing list of acts made as short as it can be: delta debugging.
+"""A failing list of faults is made as short as it can be: delta debugging.
 
-Halves are left out, then quarters, and so on down to single acts, as long as the flight still fails in the same way
+Halves are left out, then quarters, and so on down to single faults, as long as the flight still fails in the same way
 (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002), ddmin without the subsets
-that only the complement of a part would need). What is left fails, and without any one act of it does not. Then each
-act is made plainer: at its time rather than in a state, and shorter; and the flight ends when its last act has.
+that only the complement of a part would need). What is left fails, and without any one fault of it does not. Then each
+fault is made plainer: at its time rather than in a state, and shorter; and the flight ends when its last fault has.
 
-An act's own randomness does not depend on its neighbours (`strike`), but their time does: leaving one out may move what
-another one meets. So the way down is a search, not a proof, and the result is judged by flying it.
+A fault's own randomness does not depend on its neighbours (`injections`), but their time does: leaving one out may move
+what another one meets. So the way down is a search, not a proof, and the result is verified by flying it.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from heronry_tools.sim.oracles.violation import MISSED
 
 
 def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
-    """Give the shortest failing flight that was found, on the way from one that fails."""
+    """Give the shortest failing flight that was found, starting from one that fails."""
     rules = {violation.rule for violation in outcome.violations} - {MISSED}
     best = _whole(outcome, fly, rules)
     parts = 2
@@ -36,14 +36,14 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Give the flight with its acts wholly in it, as whoever names them has it flown, where it fails then, too."""
+    """Give the flight that runs until all its faults are over, as `--act` would fly it, where it fails then, too."""
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
     return whole if _fails(whole, rules) else outcome
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Make each act plainer, and the flight shorter, as long as it fails."""
+    """Make each fault plainer, and the flight shorter, as long as it fails."""
     for position in range(len(best.scenario.faults)):
         for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
             faults = best.scenario.faults

@@ -3,9 +3,9 @@
 Everything that is random (start-up times, clocks, how long a plan takes, loss) is drawn from one seed, so a spec, a
 seed and the list of what is done give the same frames, bit for bit; `digest` tells.
 
-The parts: `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator`; what is really so is
-known to `truth` alone. The cores must find it out. Whoever judges the run (`checks`) is told the truth, and sees the
-frames and what is driven, and no core.
+The parts: `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator`. Only `truth` knows
+what is really so; the cores must find it out. The oracles of the run (`checks`) are told the truth, and see the frames
+and what is driven, but no core.
 """
 
 from collections.abc import Callable, Collection
@@ -40,7 +40,7 @@ from heronry_wire.identifiers import LAST_MANAGER, MANAGER_NODES
 MS = 1_000_000
 PERFECT = Faults()
 DEFAULT_DECIDE_NS = 30 * MS
-DEFAULT_SKEW_PPM = 100  # what a quartz is off by
+DEFAULT_SKEW_PPM = 100  # error of a quartz
 
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
@@ -67,11 +67,11 @@ class Simulation:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
         faults: what every bus suffers from all the time.
-        decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
-        skew_ppm: how far clocks are off, at most.
+        decide_ns: the longest time a plan takes; each time is drawn between a half of it and this.
+        skew_ppm: the largest error of a clock.
         contingencies: plans for up to so many faults are made ahead and on board; None: for none.
-        key: what manager and PEs are given to prove what they say.
-        standby: there are two managers, 126 and 127; each stands by while the other one has the term.
+        key: with which managers and PEs authenticate what they send.
+        standby: there are two managers, 126 and 127; each stands by while the other one is active.
         absent: PEs that are not there at first.
         """
         self.spec, self.seed, self.key = spec, seed, key
@@ -120,17 +120,17 @@ class Simulation:
 
     @property
     def now_ns(self) -> int:
-        """Virtual time."""
+        """Virtual time in ns since the start of the run."""
         return self.clock.now_ns
 
     @property
     def witness(self) -> Witness:
-        """What is heard of the functions on the manager's bus."""
+        """What the frames on the manager's bus show of the functions."""
         return self.checks.witness
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """Events of the managers; of one that stands by, only what concerns itself."""
+        """Events of the managers; of a standby manager only what concerns itself."""
         return self.managers.events
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
@@ -138,11 +138,11 @@ class Simulation:
         return self.managers.events_of(kind)
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:
-        """Let something be done at a time."""
+        """Call `what` at a time."""
         self.clock.at(when_ns, what)
 
     def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
-        """Let something be done at the end of a frame of a run that is replayed, before anybody has received it."""
+        """Call `what` at the end of a frame of a run that is replayed, before any node has received the frame."""
 
         def tap(sent: Sent) -> None:
             if sent == frame:
@@ -162,27 +162,27 @@ class Simulation:
         """Digest of every frame so far, with its time, bus and sender: 16 hexadecimal digits."""
         return self._frames.so_far()
 
-    # What is done to the aircraft; to its PEs and managers by `fleet` and `managers`
+    # Faults of devices and channels; those of PEs and managers are in `fleet` and `managers`
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
-        """Let a device fail; whether anybody notices is for the monitors."""
+        """Let a device fail; the monitors may or may not notice."""
         self.world.fail(device, how, self.clock.now_ns, offset)
         self.truth.failed(f"device:{device}")
 
     def break_channel(self, channel: str) -> None:
-        """Break a channel of a replicated bus for everybody (`can0.1`)."""
+        """Break a channel of a replicated bus for all nodes (`can0.1`)."""
         self.wiring.channel(channel).break_wire()
         self.truth.failed(f"channel:{channel}")
 
     def mend_channel(self, channel: str) -> None:
-        """Mend it, if nothing else has broken it meanwhile."""
+        """Mend a channel, if no other fault has broken it meanwhile."""
         wire = self.wiring.channel(channel)
         wire.mend_wire()
         if not wire.broken:
             self.truth.is_back(f"channel:{channel}")
 
     def inspect(self, pe: str) -> DiagnosticClient:
-        """Let somebody inspect a PE with tools for CANopen and CANaerospace, on the bus on which it is commanded."""
+        """Let a diagnostic client inspect a PE by CANopen and CANaerospace, on the bus on which it is commanded."""
         return DiagnosticClient(
             self.clock,
             self.wiring.buses[uplink_bus(self.spec, pe)],
@@ -191,10 +191,10 @@ class Simulation:
             lambda story: self.checks.wrong(self.now_ns, story),
         )
 
-    # What is to be said of it
+    # What the oracles say of the run
 
     def broken(self) -> list[Violation]:
-        """Give what must never have been, so far."""
+        """Give the violations so far of what must never be."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
@@ -204,8 +204,9 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
 
-        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted in the
-        second half of that: before, a controller may still send what it has kept, and who returns what it ran.
+        It stays well when it is well for longer than a silent PE or function goes unnoticed. The frames are counted in
+        the second half of that time: before it a controller may still send what it has kept, and a PE that returns
+        what it ran.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -228,7 +229,7 @@ class Simulation:
             elif 0 <= self.now_ns - well_since_ns - stays_well_ns // 2 < _LOOK_NS:
                 self.checks.is_well(self.now_ns)
 
-    # How it is put together
+    # How the run is put together
 
     def _switch_on(self, chance: Random) -> None:
         self.at(chance.randrange(_LATEST_START_NS), self.managers.start)

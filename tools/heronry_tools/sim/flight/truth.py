@@ -1,7 +1,7 @@
 """What is really so in one flight: what was done to the aircraft is known here and nowhere else.
 
 Down is what has failed, what is cut off, what the operator has declared failed, and what was reported for a reason
-(`excuse`, or while nobody can promise what a module reports).
+(`excuse`, or while a fault is present under which a module's report cannot be promised).
 """
 
 from heronry_dg.model import Spec
@@ -14,7 +14,7 @@ class Truth:
     """The situation as it is."""
 
     def __init__(self, spec: Spec, checks: Checks, waivers: Waivers) -> None:
-        """Nothing has happened yet."""
+        """Begin with an aircraft on which nothing has failed."""
         self._spec, self._checks, self._waivers = spec, checks, waivers
         self._down: set[str] = set()
         self._cut: set[str] = set()
@@ -23,7 +23,7 @@ class Truth:
 
     @property
     def situation(self) -> Situation:
-        """What is down, and the phase that was asked for last."""
+        """What is down, and the phase that was requested last."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
@@ -33,25 +33,25 @@ class Truth:
         return Situation(down, {}, self._checks.phase)
 
     def failed(self, element: str) -> None:
-        """Take note that an element has failed; what was cut off and fails is not cut off any more."""
+        """Note that an element has failed; what was cut off and fails is not cut off any more."""
         self._down.add(element)
         self._cut.discard(element)
 
     def is_back(self, element: str) -> None:
-        """Take note that an element works again, and is not cut off."""
+        """Note that an element works again, and is not cut off."""
         self._down.discard(element)
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Take note that an element lives, and nothing reaches it."""
+        """Note that an element lives, and nothing reaches it."""
         self._cut.add(element)
 
     def mended(self, element: str) -> None:
-        """Take note that it can be reached again."""
+        """Note that an element can be reached again."""
         self._cut.discard(element)
 
     def excuse(self, module: str) -> None:
-        """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck.
+        """Let a module be reported, and its device: a servo that no module drives looks like one that is stuck.
 
         Where no branch of a DEMUX is left, its surface stands still, and so do the sensors beside it.
         """

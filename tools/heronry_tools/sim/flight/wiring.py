@@ -1,4 +1,4 @@
-"""The buses of one flight: their wires, one for each channel, and who watches or tampers with what they carry."""
+"""The buses of one flight: their wires, one for each channel, and the observers and tamperers of their frames."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -27,13 +27,13 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Let somebody watch a bus, of a replicated one the first copies; the nodes cannot see them."""
+        """Call `tap` for every frame of a bus, of a replicated one for the first copies; the nodes do not notice."""
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
-        """Let somebody see every frame on every wire, and be told the channel (0 or 1) of a replicated bus.
+        """Call `see` for every frame on every wire, and `channel` with the channel (0 or 1) of a replicated bus.
 
-        Called once, before anybody taps: the first copies are told after that.
+        Called once, before the first `tap`: the first copies are passed on after that.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):

@@ -6,18 +6,18 @@ its identifier. What is offered at the very instant at which the bus falls free 
 instant.
 
 A frame that is destroyed, by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival, costs the bits
-that were sent and an error frame, counts at its sender and at everybody who listened, and is sent again. Two stations
-that win the same arbitration with the same bits send one frame together; with different ones they destroy each
-other's. Either is noted in `clashes`.
+that were sent and an error frame, counts at its sender and at every receiver, and is sent again. Two stations that win
+the same arbitration with the same bits send one frame together; with different bits they destroy each other's frames.
+Either is noted in `clashes`.
 
 What gets through may still be missed by one receiver, or come twice (CAN is not an atomic broadcast: the last bit but
-one decides for a receiver, the last one for the sender), or, once in an age, be another frame than the one sent
+one decides for a receiver, the last one for the sender), or, very rarely, be another frame than the one sent
 (`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
 
-A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home. A wire that
-is `broken` carries nothing to anybody, and costs nobody an error; what is sent then waits for it to be mended. Where it
-is broken in the middle (`apart`) the two sides do not hear each other, but share the time of one bus: each is no faster
-than it would be alone.
+A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio link far from its base. A
+wire that is `broken` carries nothing, and causes no station an error; what is sent then waits until the wire is mended.
+Where it is broken in the middle (`apart`) the two sides do not hear each other, but share the time of one bus: each is
+no faster than it would be alone.
 
 A replicated bus is two of these (`replicated_port`). Not modelled: single bits (a frame fails or it does not).
 """
@@ -80,7 +80,7 @@ class Clash(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """What becomes of one frame: how many copies are received, by one station alone or (None) by everybody."""
+    """What happens to one frame: how many copies are received, by the one `receiver` or (None) by every station."""
 
     copies: int
     receiver: str | None = None
@@ -90,30 +90,30 @@ class SimulatedBus:
     """One CAN segment."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
-        """`random` is drawn from only where faults ask for it."""
+        """`random` is drawn from only where faults need it."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
         self.slowdown = 1
-        self.broken = 0  # how many breaks there are in it now
-        self.noisy = 0  # how many bursts are destroying every frame now
+        self.broken = 0  # number of breaks in the wire now
+        self.noisy = 0  # number of bursts that destroy every frame now
         self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
         self.tamper: Callable[[Sent], Tampering | None] | None = None
         self.apart: Callable[[str, str], bool] | None = None  # of sender and receiver: nothing gets through
-        self.busy_bits = 0  # sent so far
+        self.busy_bits = 0  # bits sent so far
         self.frames = 0
         self.destroyed = 0
         self.bus_offs = 0
         self.clashes: list[Clash] = []
-        self.taps: list[Callable[[Sent], None]] = []  # who watches; the stations cannot see them
+        self.taps: list[Callable[[Sent], None]] = []  # observers of every frame, unseen by the stations
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
-        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; worked out when one is first sent
+        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; computed when one is first sent
         self._waiting: list[Urgency] = []  # the mailboxes
         self._on_air: tuple[Waiting, bool] | None = None  # a frame, and whether it will be destroyed
-        self._rival: Waiting | None = None  # sent together with it
+        self._rival: Waiting | None = None  # the frame that is sent together with it
         self._arbitration_due = False
         self._offers = 0
         self._joined = 0
-        self._errors_count = False  # some counter is above 0
+        self._errors_count = False  # the error counter of some station is above 0
 
     @property
     def queued(self) -> int:
@@ -122,7 +122,7 @@ class SimulatedBus:
 
     @property
     def offered(self) -> int:
-        """Number of the last frame that was queued by anybody."""
+        """Number of the last frame that any station has queued."""
         return self._offers
 
     @property
@@ -135,7 +135,7 @@ class SimulatedBus:
     def join(
         self, name: str, port: int, listener: Callable[[Received], None], wants: Container[int] | None = None
     ) -> Station:
-        """Connect a station; it hears what it `wants`, or everything."""
+        """Connect a station; it receives what it `wants`, or everything."""
         self._joined += 1
         station = Station(name, port, self._joined, listener)
         if wants is not None:
@@ -145,12 +145,12 @@ class SimulatedBus:
         return station
 
     def wants(self, station: Station, identifiers: Container[int]) -> None:
-        """Let a station hear other identifiers from now on."""
+        """Set the identifiers that a station receives from now on."""
         station.wants = identifiers
         self._audience.clear()
 
     def leave(self, station: Station) -> None:
-        """Disconnect a station for good; what it had to say is lost."""
+        """Disconnect a station for good; the frames in its queue and mailbox are lost."""
         station.present = False
         station.reconsider()
         station.mailbox = None
@@ -165,7 +165,7 @@ class SimulatedBus:
         transmit_failed: bool | None = None,
         receive_failed: bool | None = None,
     ) -> None:
-        """Break the wire of a station, in both directions or in one, or mend it; what is not said stays."""
+        """Break the wire of a station, in both directions or in one, or mend it; arguments left out change nothing."""
         station.cut_off = station.cut_off if cut_off is None else cut_off
         station.transmit_failed = station.transmit_failed if transmit_failed is None else transmit_failed
         station.receive_failed = station.receive_failed if receive_failed is None else receive_failed
@@ -178,7 +178,7 @@ class SimulatedBus:
         self._wake(station)
 
     def break_wire(self) -> None:
-        """Break the wire for everybody; breaks add up."""
+        """Break the wire for every station; breaks add up."""
         self.broken += 1
 
     def mend_wire(self) -> None:
@@ -208,18 +208,18 @@ class SimulatedBus:
                 self._wait_for_bus(station)
         else:
             heappush(station.queue, (waiting.key, offer, waiting))
-            if may_go:  # what has waited since it went bus-off, or stood back, is not overtaken
+            if may_go:  # a frame that has waited since bus-off, or since the station stood back, goes first
                 self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
-        """Shorten the time until which a frame, this very object, may start at a station."""
+        """Shorten the time until which a frame, this same object, may start at a station."""
         for waiting in (station.mailbox, *(waiting for _, _, waiting in station.queue)):
             if waiting is not None and waiting.frame is frame:
                 waiting.until_ns = min(waiting.until_ns, until_ns)
                 return
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
-        """Take back what waits at a station under these identifiers; what it has handed over is sent."""
+        """Withdraw what waits at a station under these identifiers; what it has handed over is sent."""
         station.queue = [urgency for urgency in station.queue if urgency[2].frame.can_id not in identifiers]
         heapify(station.queue)
 
@@ -234,7 +234,7 @@ class SimulatedBus:
         return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
-        """Hand over the next frame that still serves."""
+        """Hand over the next frame that is not too old."""
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled and not self._stands_back(queue[0][2]):
             waiting = heappop(queue)[2]
@@ -399,7 +399,7 @@ class SimulatedBus:
     # Errors
 
     def _fail(self, head: Waiting, rival: Waiting | None) -> None:
-        """A frame has been destroyed: everybody counts it, and who sent it sends it again."""
+        """A frame has been destroyed: every station counts it, and its sender sends it again."""
         self.destroyed += 1
         self._errors_count = True
         senders = [waiting.station for waiting in (head, rival) if waiting is not None]

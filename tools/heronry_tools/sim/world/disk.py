@@ -1,10 +1,10 @@
 """A manager's journal in the simulator: the bytes that the real one would write, and what a power cut leaves of them.
 
-Terms and blocks of numbers are on the disk at once. The rest is `SYNCED_AFTER_NS` later, when the manager's frames are
-out; until then a power cut may leave any part of it (`torn`). A kill of the manager alone loses nothing.
+Terms and blocks of numbers are on the disk immediately. The rest is `SYNCED_AFTER_NS` later, when the manager's frames
+are out; until then a power cut may leave any part of it (`torn`). If only the manager is killed, nothing is lost.
 
-A disk that is full or read-only (`refuses`) takes a piece of the line that it refuses first, as a full one may, and
-then nothing. Every later record tries to put down all that should be there, and so does a manager that starts.
+A disk that is full or read-only (`refuses`) writes a piece of the line that it refuses first, as a full disk may, and
+then nothing. Every later record tries to write all that should be there, and so does a manager that starts.
 """
 
 from collections import deque
@@ -24,22 +24,22 @@ class Disk:
     def __init__(self, spec: Spec, data: bytes | None = None) -> None:
         """Begin with a journal that is empty, or with these bytes."""
         self.refuses = False
-        self.problem: str | None = None  # what the manager is told of it
+        self.problem: str | None = None  # what the disk reports to the manager; None: nothing
         self.data = whole_journal(spec, NOTHING) if data is None else data
         self._spec = spec
-        self._memory = NOTHING  # what should be there
+        self._memory = NOTHING  # what should be in the journal
         self._next_number = 1
         self._synced = len(self.data)
         self._unsynced: deque[tuple[int, int]] = deque()  # when records were written, and where they end
 
     def opened(self) -> Memory:
-        """Read it, as a manager that starts does, and make it short."""
+        """Read the journal, as a manager that starts does, and shorten it."""
         self._memory, _ = recovered(self.data)
         self._put_down()
         return self._memory
 
     def write(self, record: Record, now_ns: int) -> None:
-        """Append a record; `problem` tells afterwards whether it is there."""
+        """Append a record; `problem` tells afterwards whether it is on the disk."""
         self._memory = self._memory.after(record)
         if self.problem is not None:
             self._put_down()
@@ -56,7 +56,7 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """The power goes: what was not synced is there up to some byte, and a part of that is noise."""
+        """The power fails: what was not synced is there up to some byte, and a part of that is noise."""
         while self._unsynced and self._unsynced[0][0] <= now_ns - SYNCED_AFTER_NS:
             self._sync(self._unsynced[0][0])
         begin, end = self._synced, random.randint(self._synced, len(self.data))
@@ -71,7 +71,7 @@ class Disk:
             _, self._synced = self._unsynced.popleft()
 
     def _put_down(self) -> None:
-        """Write all of it anew, in the place of what is there."""
+        """Write the whole journal anew, in the place of what is there."""
         if self.refuses:
             self.problem = _PROBLEM
             return

@@ -1,7 +1,7 @@
-"""One bus out of two channels, for whoever watches a run: of each sending the copy that went over a wire first.
+"""One bus out of two channels, for the observers of a run: of each sending the copy that went over a wire first.
 
-Which copies belong to one sending is known by the object that both channels were offered, not by what the nodes go by,
-which is what is to be judged.
+The copies of one sending are known by the object that both channels were offered, not by what the nodes go by, since
+that is what the oracles verify.
 """
 
 from collections import deque
@@ -14,15 +14,15 @@ REMEMBERED_NS = 1_000_000_000
 
 
 class FirstCopies:
-    """Passes on what neither channel has carried before; `taps` get it."""
+    """Passes on what neither channel has carried before, to every one of `taps`."""
 
     def __init__(self) -> None:
         self.taps: list[Callable[[Sent], None]] = []
-        self._seen: dict[int, Frame] = {}  # held, so that no other frame gets its identity
+        self._seen: dict[int, Frame] = {}  # kept alive, so that no other frame gets its identity
         self._order: deque[tuple[int, int]] = deque()
 
     def see(self, sent: Sent) -> None:
-        """A channel has carried a frame."""
+        """Take a frame that a channel has carried."""
         while self._order and self._order[0][0] < sent.end_ns - REMEMBERED_NS:
             del self._seen[self._order.popleft()[1]]
         identity = id(sent.frame)

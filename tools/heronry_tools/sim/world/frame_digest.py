@@ -9,7 +9,7 @@ _HEAD = struct.Struct("<qBBH")
 
 
 class FrameDigest:
-    """Takes the frames of one run."""
+    """Computes the digest of one run, frame by frame."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -17,14 +17,14 @@ class FrameDigest:
         self._numbers: dict[str, int] = {}  # of buses and senders
 
     def see(self, sent: Sent) -> None:
-        """Take a frame."""
+        """Add a frame."""
         numbers, frame = self._numbers, sent.frame
         bus = numbers.setdefault(sent.bus, len(numbers))
         self._unhashed += _HEAD.pack(sent.end_ns, bus, numbers.setdefault(sent.sender, len(numbers)), frame.can_id)
         self._unhashed += frame.data
 
     def so_far(self) -> str:
-        """16 hexadecimal digits."""
+        """Give the digest of all frames so far: 16 hexadecimal digits."""
         self._hash.update(self._unhashed)
         self._unhashed.clear()
         return self._hash.hexdigest()[:16]

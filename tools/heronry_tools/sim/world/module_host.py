@@ -1,9 +1,9 @@
 """The module host of a simulated PE: it runs the modules inside the process of the simulator.
 
-The core asks, the host does, and the answer goes back as an event. `heronry_agent.shell.partition_host` takes the same
-actions and gives the same events, with the modules in processes apart, which is what a node does. Here nothing protects
-one module from another, and computing takes no time: a fault that lets a module hang or be slow is made by the
-simulated PE (`nodes`), in place of the module.
+The core gives actions, the host carries them out, and each answer goes back as an event.
+`heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in processes
+apart, which is what a node does. Here nothing protects one module from another, and computing takes no time: where a
+fault lets a module hang or be slow, the simulated PE (`module_steps`) does so in place of the module.
 
 All images of the table are loaded when the host is made; the ones that cannot be are in `missing_images`.
 """
@@ -31,7 +31,7 @@ class ModuleHost:
     """The modules of one PE that exist now."""
 
     def __init__(self, table: PeTable, devices: Devices) -> None:
-        """Load the images of a table; `devices` are those that its modules are bolted to."""
+        """Load the images of a table; `devices` are those that its modules use."""
         self._devices = devices
         self._partitions = {module.index: module.partition for module in table.modules}
         self._now_ns = 0
@@ -40,7 +40,7 @@ class ModuleHost:
         self.missing_images = {image: reason for image, reason in reasons if reason is not None}
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Do what an action asks of the modules or their world; gives what the core is to hear of it, if anything."""
+        """Carry out an action for the modules or their devices; gives the event for the core, if there is one."""
         self._now_ns = now_ns
         match action:
             case StepModule():

@@ -1,12 +1,12 @@
-"""How the modules of a simulated PE compute: at once, unless something is wrong with them or with their processor.
+"""How the modules of a simulated PE compute: in no time, unless a fault is in them or in their processor.
 
-A module computes in no time at all, unless it is told to overrun or its processor is slow. What a module computes for
-too long is told to the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a real
-node. A step that comes to its turn when the core's word is too old (`until_ns`) is not computed, as in a real
+A module computes in no time at all, unless a fault lets it overrun or its processor is slow. What a module computes for
+too long is reported to the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a
+real node. A step that comes to its turn after the core's time limit for it (`until_ns`) is not computed, as in a real
 partition. While a step is late, the further ones of its partition wait.
 
-What can be wrong: a module may be `broken` (it raises, gives what its type cannot carry or what is off, overruns, or
-asks for a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
+The faults: a module may be `broken` (it raises, gives what its type cannot carry or a wrong value, overruns, or
+requests a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.pe_table import PeTable
 
 OVERRUN_NS = 30_000_000
-ASKS = "asks "  # for a phase, whose name follows
+ASKS = "asks "  # a module requests a phase, whose name follows
 
 _LOOKED_AT_EVERY = 8
 _SLOWEST_NS = 8_000_000
@@ -44,20 +44,20 @@ class Processor(Protocol):
 
     @property
     def is_awake(self) -> bool:
-        """Tell whether it does not stand still."""
+        """Tell whether the processor does not stand still."""
 
     def pause(self, duration_ns: int) -> None:
-        """Let it stand still from now on."""
+        """Let the processor stand still from now on."""
 
     def give(self, answer: Event) -> None:
-        """Give the core an answer that comes later than it was asked for."""
+        """Give the core an answer that comes later than its request."""
 
     def put_off(self, actions: Sequence[Action]) -> None:
-        """Do this when it goes on."""
+        """Carry these actions out when the processor goes on."""
 
 
 class ModuleSteps:
-    """The modules of one PE, and what is wrong with them."""
+    """The modules of one PE, and their faults."""
 
     def __init__(
         self,
@@ -81,25 +81,27 @@ class ModuleSteps:
         actuators = {device.name for device in table.devices if device.kind == "actuator"}
         self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
         self._partitions = {module.index: module.partition for module in table.modules}
-        self._others = 0  # steps of what does not drive
-        self.stuck = False  # they compute for ever
+        self._others = 0  # steps of modules that do not drive
+        self.stuck = False  # steps do not end
         self.slow: Random | None = None  # draws how long a step takes
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
         self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
-        self._asked_ns: dict[int, int] = {}  # by release: when it was asked for, if it has to wait for its turn
+        self._requested_ns: dict[
+            int, int
+        ] = {}  # by release: when the step was requested, if it has to wait for its turn
 
     def step(self, action: StepModule) -> ModuleEvent | None:
         """Let a module compute, as well as this PE can; None: its answer comes later, or never."""
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)
-            self._asked_ns.setdefault(action.release, self._clock.now_ns)
+            self._requested_ns.setdefault(action.release, self._clock.now_ns)
             return None
         now_ns = self._clock.now_ns
-        asked_ns = self._asked_ns.pop(action.release, now_ns)
-        if asked_ns != now_ns and self._time.now_ns() > action.until_ns:
+        requested_ns = self._requested_ns.pop(action.release, now_ns)
+        if requested_ns != now_ns and self._time.now_ns() > action.until_ns:
             return Stepped(action.module, action.release, {})
-        self._tell(action, now_ns, asked_ns)
+        self._tell(action, now_ns, requested_ns)
         if self.stuck:
             self._hung[action.module] = (action, now_ns)
             return None
@@ -112,20 +114,20 @@ class ModuleSteps:
         return answer
 
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Say what a step has spent: all the time if it hangs, next to none if it does not, or has not begun."""
+        """Give the time that a step has spent: all of it if it hangs, else, or before it has begun, none."""
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Take note that these steps were asked for now, and have to wait for the processor."""
+        """Note that these steps were requested now, and have to wait for the processor."""
         for action in actions:
             if type(action) is StepModule:
-                self._asked_ns.setdefault(action.release, self._clock.now_ns)
+                self._requested_ns.setdefault(action.release, self._clock.now_ns)
 
     def end(self, partition: str) -> None:
-        """End a partition, with what hangs in it or waits there."""
+        """End a partition, with the steps that hang in it or wait there."""
         self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != partition}
         self._behind.pop(partition, None)
 
@@ -138,14 +140,14 @@ class ModuleSteps:
             assert answer is not None
             self._processor.give(answer)
 
-    def _tell(self, action: StepModule, now_ns: int, asked_ns: int) -> None:
+    def _tell(self, action: StepModule, now_ns: int, requested_ns: int) -> None:
         driver = self._drivers.get(action.module)
         if driver is not None:
-            self._drive(Driven(now_ns, self._pe, driver, action.inputs, asked_ns))
+            self._drive(Driven(now_ns, self._pe, driver, action.inputs, requested_ns))
         elif action.inputs:
             self._others += 1
             if self._others % _LOOKED_AT_EVERY == 0:
-                self._look(Driven(now_ns, self._pe, self.names[action.module], action.inputs, asked_ns))
+                self._look(Driven(now_ns, self._pe, self.names[action.module], action.inputs, requested_ns))
 
     def _fail(self, action: StepModule, how: str) -> ModuleEvent | None:
         name = self.names[action.module]
@@ -163,7 +165,7 @@ class ModuleSteps:
             return answer._replace(phases=(how.removeprefix(ASKS),))
         if how == "raise":
             self._broke(name)
-            return StepFailed(action.module, action.release, "told to fail")
+            return StepFailed(action.module, action.release, "the simulator lets it fail")
         if how == "wrong" and isinstance(answer, Stepped):
             return Stepped(action.module, action.release, {name: _off(v) for name, v in answer.outputs.items()})
         return answer

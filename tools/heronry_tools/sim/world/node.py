@@ -1,8 +1,8 @@
 """What every simulated node has: a clock of its own, one timer, and a processor that may stand still.
 
 What a real driver does with a socket and a timer, a node does with a `Station` and the virtual `Clock`. While its
-processor stands still its controllers go on: what is in a mailbox is sent, and what comes is kept, as much as a socket
-holds, and handed over afterwards with its age, before any deadline passes.
+processor stands still its controllers go on: what is in a mailbox is sent, and frames that arrive are kept, as many as
+a socket holds, and handed over afterwards with their age, before any deadline passes.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -19,7 +19,7 @@ from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS, Received, require
 
 RECEIVE_BUFFER = 300  # frames; a socket with Linux's default buffer holds about as many, and drops what comes later
-VALIDATED_EVERY = 16  # calls of a core that did nothing but what it always does
+VALIDATED_EVERY = 16  # calls of a core that only did routine work
 _MOST_RINGS_AT_ONCE = 1000
 
 
@@ -30,11 +30,11 @@ class Node:
         self.time = time
         self.running = True
         self.stations: list[tuple[SimulatedBus, Station]] = []  # two on a replicated bus
-        self._ears: list[Station | ReplicatedPort] = []  # by port: what hands frames on, one for both channels of a bus
+        self._ears: list[Station | ReplicatedPort] = []  # by port: one for both channels of a bus
         self._offers: list[Callable[[Frame, int], None]] = []  # by port
         self._clock = clock
-        self._armed_ns = NEVER_NS  # on its own clock
-        self._last_ring_ns, self._rings = -1, 0  # at one instant
+        self._armed_ns = NEVER_NS  # on the node's own clock
+        self._last_ring_ns, self._rings = -1, 0  # calls at one instant
         self._paused_until_ns: int | None = None
         self._kept: list[tuple[int, Received]] = []
 
@@ -46,7 +46,7 @@ class Node:
         witness: Callable[[Copy], None],
         wants: Container[int] | None = None,
     ) -> None:
-        """Join the next bus, on each of its channels; `entry` is what table or spec say of it."""
+        """Join the next bus, on each of its channels; `entry` is the bus in the PE's table or in the spec."""
         port = len(self._offers)
         joined = [(wire, wire.join(name, port, self._take, wants)) for wire in wires]
         self.stations += joined
@@ -63,7 +63,7 @@ class Node:
         self._offers.append(twin.offer)
 
     def stop(self) -> None:
-        """Die: silent at once, whatever was queued; who has ended already stays so."""
+        """Die: the node is silent at once, whatever was queued; a node that has stopped already stays so."""
         if not self.running:
             return
         self.running = False
@@ -73,12 +73,12 @@ class Node:
     def wire(
         self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
     ) -> None:
-        """Break all its wires, in both directions or in one, or mend them; it lives on."""
+        """Break all wires of the node, in both directions or in one, or mend them; the node lives on."""
         for bus, station in self.stations:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
-        """Let its processor stand still from now on; a pause within a longer one changes nothing."""
+        """Let the processor stand still from now on; a pause within a longer one changes nothing."""
         until_ns = self._clock.now_ns + duration_ns
         if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
             return
@@ -92,7 +92,7 @@ class Node:
 
     @property
     def is_awake(self) -> bool:
-        """Tell whether it lives and its processor does not stand still."""
+        """Tell whether the node lives and its processor does not stand still."""
         return self.running and self._paused_until_ns is None
 
     def _go_on(self) -> None:
@@ -113,14 +113,14 @@ class Node:
             self._wake()
 
     def _keep(self, event: Received) -> None:
-        """A station has heard something while the processor stands still."""
+        """Keep a frame that a station has received while the processor stands still."""
         if len(self._kept) < RECEIVE_BUFFER:
             self._kept.append((self._clock.now_ns, event))
 
-    # The timer: an alarm that has been overtaken rings for nobody
+    # The timer: an alarm that was replaced by another one is ignored
 
     def _arm(self, due_ns: int) -> None:
-        """Ring no later than this, on its own clock; an earlier deadline stays."""
+        """Set the alarm to this time on the node's own clock."""
         self._armed_ns = due_ns
         self._clock.at(self.time.when_ns(due_ns), self._ring)
 
@@ -143,7 +143,7 @@ class Node:
         raise NotImplementedError
 
     def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
-        """Hand over which channels of a port's bus, from 1, carry nothing here."""
+        """Hand over which channels of a port's bus, from 1, carry nothing to this node."""
         raise NotImplementedError
 
     def _wake(self) -> None:

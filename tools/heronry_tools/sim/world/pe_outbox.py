@@ -1,7 +1,7 @@
 """What a simulated PE hands to its controllers, and what is under way there.
 
-A core says how old a frame may become before it is sent; that is counted on the PE's own clock. Of a radio's port the
-core is told how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
+A core says how old a frame may become before it is sent; that is counted on the PE's own clock. For a radio's port the
+core learns how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
 """
 
 from collections import Counter
@@ -31,7 +31,7 @@ class PeOutbox:
     ) -> None:
         """offers: hand a frame to a port's controller, with the time until which it may be sent; by port.
 
-        stations: on every bus and channel. lease_ns: a frame whose age nobody has limited may become so old.
+        stations: on every bus and channel. lease_ns: age limit of a frame for which the core has given none.
         radios: ports that lead to a radio.
         """
         self._clock, self._time, self._lease_ns = clock, time, lease_ns
@@ -39,7 +39,7 @@ class PeOutbox:
         self.radios = radios
         self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
         self._withdrawn = Counter[int]()  # how often, by identifier
-        self.delays: Callable[[], int] | None = None  # how long what it passes on is under way; a gateway's disease
+        self.delays: Callable[[], int] | None = None  # how long a frame that it passes on is held up; a gateway's fault
         self.passing: Frame | None = None  # what the PE has just received, and may pass on
 
     def send(self, action: Send) -> None:
@@ -55,7 +55,7 @@ class PeOutbox:
             self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def withdraw(self, action: Withdraw) -> None:
-        """Take back what has not been sent yet."""
+        """Withdraw the frames that have not been sent yet."""
         self._withdrawn.update(action.identifiers)
         for bus, station in self._stations:
             bus.withdraw(station, action.identifiers)
@@ -67,7 +67,7 @@ class PeOutbox:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """How long the frame took that has just left by a radio's port; None where nobody waits for that."""
+        """How long the frame took that has just left by a radio's port; None where the core did not ask for that."""
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns
 

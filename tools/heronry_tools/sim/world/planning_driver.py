@@ -1,8 +1,8 @@
 """The driver of a simulated manager's planning policy: the planners behind it, and the virtual time that they take.
 
-The policy is the one that flies (`heronry_manager.core.planning_policy`), and which planners stand behind it is said by
-`Planners`. What is answered at once takes a fixed time; the planner's and the pre-planner's processes take a drawn one.
-An answer that is on its way arrives, whatever happens to the manager meanwhile.
+The policy is the one that flies (`heronry_manager.core.planning_policy`); `Planners` says which planners stand behind
+it. An immediate answer takes a fixed time; the planner's and the pre-planner's processes take a drawn one. An answer
+that is on its way arrives, whatever happens to the manager meanwhile.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.planning import Planners, best_plan
 from heronry_wire.sansio import require
 
-_LOOKED_UP_NS = 100_000  # how long a look at what was made ahead takes
-_IMMEDIATE_NS = 3_000_000  # how long a greedy plan and the judge take
+_LOOKED_UP_NS = 100_000  # time of a look into the contingencies
+_IMMEDIATE_NS = 3_000_000  # time of a greedy plan and the verifier
 _TAKES_NS = {
     Source.CONTINGENCIES: _LOOKED_UP_NS,
     Source.PRE_PLANNED: _LOOKED_UP_NS,
@@ -47,7 +47,7 @@ class PlanningDriver:
         decide_ns: Callable[[], int],
         tell: Callable[[PlanReady | PlanFailed | FromPlanner], None],
     ) -> None:
-        """Begin with nothing asked.
+        """Begin with no request.
 
         decide_ns: gives how long a process takes for its next plan. tell: takes each answer when it is there; those
         that are FromPlanner are for `take`, as soon as the manager is awake.
@@ -57,17 +57,17 @@ class PlanningDriver:
         self._policy = planners.policy(spec, made)
 
     def take(self, event: PolicyEvent) -> None:
-        """Take what the core or a planner says."""
+        """Hand an event of the core or of a planner to the policy."""
         for instruction in self._policy.step(event):
             self._carry_out(instruction)
 
-    def ask_planner(self, asked: RequestPlan) -> None:
-        """Let the planner's process answer a question."""
-        plan = best_plan(self._spec, asked.now, asked.running)
-        self.answer(self._decide_ns(), PlannerAnswered(PlanReady(asked.request, plan)))
+    def ask_planner(self, request: RequestPlan) -> None:
+        """Let the planner's process answer a request."""
+        plan = best_plan(self._spec, request.now, request.running)
+        self.answer(self._decide_ns(), PlannerAnswered(PlanReady(request.request, plan)))
 
     def answer(self, after_ns: int, answer: PlanReady | PlanFailed | FromPlanner) -> None:
-        """Tell an answer when it has taken its time."""
+        """Give an answer after `after_ns`."""
         self._clock.at(self._clock.now_ns + after_ns, lambda: self._tell(answer))
 
     def _carry_out(self, instruction: Instruction) -> None:
@@ -75,11 +75,11 @@ class PlanningDriver:
             case Answer(answer, Source.PLANNER):
                 self._tell(answer)
             case Answer(answer, source):
-                require(isinstance(answer, PlanReady), "the judge refuses a plan: {}", answer)
+                require(isinstance(answer, PlanReady), "the verifier refuses a plan: {}", answer)
                 self.answer(_TAKES_NS[source], answer)
-            case AskPlanner(asked, refusal):
-                require(refusal is None, "the greedy plan for {} is not legal: {}", sorted(asked.now.down), refusal)
-                self.ask_planner(asked)
+            case AskPlanner(request, refusal):
+                require(refusal is None, "the greedy plan for {} is not legal: {}", sorted(request.now.down), refusal)
+                self.ask_planner(request)
             case PrePlan(number, question):  # pragma: no branch - nothing else is left
                 if self._planners is Planners.ALL:
                     plan = best_plan(self._spec, question.now, question.running)

@@ -1,8 +1,8 @@
 """The one plant of a run, and the view of it that each PE's devices have.
 
-In flight every process has a plant of its own and follows the others by their echoes. In one process there can be one
-plant, and it is the truer one: a surface stays where it is when its processor restarts, and a servo that has failed
-stays failed. Whatever a PE's clock shows, the plant is read and moved at the true time.
+In flight every process has a plant of its own, which follows the others by their echoes. In one process there can be
+one plant, which is nearer to the truth: a surface stays where it is when its processor restarts, and a servo that has
+failed stays failed. Whatever a PE's clock shows, the plant is read and moved at the true time.
 """
 
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ class _DeviceOfPlant:
         self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:
-        """What the device says now."""
+        """What the device reads now."""
         value = self._plant.read(self._name, self._clock.now_ns)
         return Reading(value, now_ns, value is not None)
 
@@ -29,7 +29,7 @@ class _DeviceOfPlant:
         return self._plant.write(self._name, value, self._clock.now_ns)
 
     def make_safe(self, now_ns: int) -> None:
-        """Nothing: what this plant's actuators do without a command is to stay where they are."""
+        """Do nothing: without a command an actuator of this plant stays where it is."""
 
 
 class PlantView:
@@ -43,8 +43,8 @@ class PlantView:
         return _DeviceOfPlant(self._plant, name, self._clock)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Whom a plant of its own would have to follow."""
+        """Sensors whose actuators a plant of one process would have to follow by their echoes."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Somebody told that an actuator moved: the plant knows."""
+        """Ignore an output echo: the one plant has moved already."""

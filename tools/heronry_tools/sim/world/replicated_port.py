@@ -1,12 +1,12 @@
 """A simulated node's two controllers on one replicated bus: what `heronry_wire.replicated_link` is to a real node.
 
-Each frame is offered to both channels, as one object for both: whoever watches knows the copies of one sending by
-that, and the node does not. What either channel brings passes the parts that fly (`ChannelMerge`, `ChannelWatch`). When
-a copy has left, the other one's time is cut short; a simulated controller can take back what it has not begun to send,
-so nothing late goes out here.
+Each frame is offered to both channels, as one object for both: an observer knows the copies of one sending by that, and
+the node does not. What either channel receives passes the parts that fly (`ChannelMerge`, `ChannelWatch`). When a copy
+has left, the other one's time is cut short; a simulated controller can abort what it has not begun to send, so nothing
+late goes out here.
 
 The node goes on with one port: `listener` gets each frame once, `left` is told when the first copy of a frame has gone,
-`told` which channels are lost. `witness` sees every copy and what was done with it, for whoever judges the run.
+`told` which channels are lost. `witness` sees every copy and what was done with it, for the oracles of the run.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from heronry_wire.sansio import NEVER_NS, Received
 
 
 class Copy(NamedTuple):
-    """A channel, 0 or 1, has brought a frame to a node."""
+    """A frame that a channel, 0 or 1, has brought to a node."""
 
     t_ns: int
     node: str
@@ -47,7 +47,7 @@ class ReplicatedPort:
         told: Callable[[frozenset[int]], None],
         witness: Callable[[Copy], None],
     ) -> None:
-        """Take over what these stations, one on each channel, hear and send."""
+        """Take over the listeners of these stations, one on each channel."""
         self.listener = listener
         self.left: Callable[[Frame], None] | None = None
         self._clock, self._wires, self._told, self._witness = clock, tuple(wires), told, witness

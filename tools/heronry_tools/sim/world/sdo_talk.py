@@ -1,7 +1,7 @@
-"""How an SDO client reads and writes objects of a node, as generators: each `yield` says a message and gets the answer.
+"""How an SDO client reads and writes objects of a node, as generators: a `yield` sends a message and gets the answer.
 
-Written from CiA 301 (7.2.4), and not from the server: whatever is not as the standard says is a `WrongAnswerError`. An
-abort by the server is an answer like another.
+Written from CiA 301 (7.2.4), and not from the server: any deviation from the standard is a `WrongAnswerError`. An abort
+by the server is an answer like another.
 """
 
 from collections.abc import Generator
@@ -59,9 +59,9 @@ from heronry_wire.sdo import (
 )
 
 T = TypeVar("T")
-Asked = tuple[Frame | None, int, int]
-"""What is said, the identifier of the answer, and how long it is waited for."""
-Talk = Generator[Asked, bytes | None, T]
+Request = tuple[Frame | None, int, int]
+"""The message to send, the identifier of the answer, and how long to wait for it in ns."""
+Talk = Generator[Request, bytes | None, T]
 
 PATIENCE_NS = 700_000_000
 _SILENCE_NS = 30_000_000
@@ -72,32 +72,32 @@ class WrongAnswerError(Exception):
 
 
 class SdoTalk:
-    """Talks to one node."""
+    """The SDO client of one node."""
 
     def __init__(self, node: int) -> None:
         self._request_id, self._response_id = sdo_request_id(node), sdo_response_id(node)
 
     def ask(self, message: bytes) -> Talk[bytes]:
-        """Say a message that has an answer."""
+        """Send a message that has an answer."""
         answer = yield Frame(self._request_id, message), self._response_id, PATIENCE_NS
         if answer is None or len(answer) != MESSAGE_BYTES:
             raise WrongAnswerError(f"{message.hex(' ')} is answered with {_told(answer)}")
         return answer
 
     def hear(self) -> Talk[bytes]:
-        """Wait for the next message, which was not asked for one by one."""
+        """Wait for the next message of the server, which comes without a request of its own."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
             raise WrongAnswerError("the next message does not come")
         return answer
 
     def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:
-        """Say a message that has no answer."""
+        """Send a message that has no answer."""
         answer = yield Frame(self._request_id, message), self._response_id, silence_ns
         _demand(answer is None, "an answer to %s that has none: %s", message, answer)
 
     def refused(self, message: bytes, reason: Abort, index: int = 0, sub_index: int = 0) -> Talk[None]:
-        """Say a message that ends the transfer of an object with an abort."""
+        """Send a message that ends the transfer of an object with an abort."""
         answer = yield from self.ask(message)
         _demand(_abort(answer, index, sub_index) is reason, "%s is answered with %s", message, answer)
 
@@ -111,7 +111,7 @@ class SdoTalk:
         _demand(command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index), "it reads as %s", answer)
         if command & EXPEDITED:
             return place[2][: expedited_length(command) if command & SIZE_GIVEN else None]
-        _demand(bool(command & SIZE_GIVEN), "the length is not said: %s", answer)
+        _demand(bool(command & SIZE_GIVEN), "the length is not given: %s", answer)
         length, data, toggle = read_length(place[2]), b"", 0
         while True:
             answer = yield from self.ask(segment(SEGMENT_UPLOAD | toggle, b""))
@@ -121,14 +121,14 @@ class SdoTalk:
                 answer,
             )
             data += segment_data(answer)
-            _demand(len(data) <= length, "%s bytes were said, and %s have come", length, len(data))
+            _demand(len(data) <= length, "%s bytes were announced, and %s have come", length, len(data))
             toggle ^= TOGGLE
             if command_of(answer) & LAST_SEGMENT:
-                _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
+                _demand(len(data) == length, "%s bytes were announced, and %s came", length, len(data))
                 return data
 
     def upload_by_block(self, index: int, sub_index: int, size: int, lost: int = 0) -> Talk[bytes | Abort]:
-        """Read an object by blocks of so many segments; of the first block so many segments at its end get lost."""
+        """Read an object by blocks of `size` segments; of the first block the last `lost` segments get lost."""
         answer = yield from self.ask(
             with_data(BLOCK_UPLOAD | BLOCK_CRC | BLOCK_INITIATE, index, sub_index, bytes((size,)))
         )
@@ -148,16 +148,16 @@ class SdoTalk:
             kept = block[: len(block) - lost] if lost else block
             lost = 0
             data += b"".join(kept)
-            _demand(len(data) < length + SEGMENT_BYTES, "%s bytes were said, and %s have come", length, len(data))
+            _demand(len(data) < length + SEGMENT_BYTES, "%s bytes were announced, and %s have come", length, len(data))
             answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_ACKNOWLEDGE, bytes((len(kept), size))))
         data = data[: len(data) - unused_in_block(answer)]
-        _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
+        _demand(len(data) == length, "%s bytes were announced, and %s came", length, len(data))
         _demand(block_checksum(answer) == crc(data), "the checksum is wrong: %s", answer)
         yield from self.say(segment(BLOCK_UPLOAD | BLOCK_END, b""))
         return data
 
     def _block(self, first: bytes, size: int) -> Talk[list[bytes]]:
-        """Hear the segments of a block, the first of which has come."""
+        """Receive the segments of a block, the first of which has come."""
         parts: list[bytes] = []
         answer = first
         while True:
@@ -235,7 +235,7 @@ class SdoTalk:
 
 
 def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
-    """Reason of an abort of the transfer of this object; None where it is none."""
+    """Reason of an abort of the transfer of this object; None where the answer is no abort."""
     if command_of(answer) != ABORT:
         return None
     *place, reason = read_head(answer)

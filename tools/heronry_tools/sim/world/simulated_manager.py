@@ -1,6 +1,6 @@
 """The driver of a simulated manager: its core, its stations on the bus, its disk, and the driver of its planners.
 
-The core is the one that flies. It is asked for its invariants after every call that did more than send a frame, and at
+The core is the one that flies. Its invariants are checked after every call that did more than send a frame, and at
 every sixteenth call.
 """
 
@@ -64,7 +64,7 @@ class SimulatedManager(Node):
     ) -> None:
         """Join the bus, on each of its channels, and start.
 
-        decide_ns: gives how long the next plan takes. tell: is told every event. ahead: the plans made ahead.
+        decide_ns: gives how long the next plan takes. tell: is called with every event. ahead: the plans made ahead.
         disk: where its journal is kept. name: of its station.
         """
         super().__init__(clock, time)
@@ -73,7 +73,7 @@ class SimulatedManager(Node):
         self._ready: list[ManagerEvent | FromPlanner] = []
         self._replies: list[Reply] = []
         self._handed = 0
-        self.stopped: str | None = None  # why the core wanted to end
+        self.stopped: str | None = None  # why the core has ended
         memory = disk.opened()
         self.core = ManagerCore(
             spec,
@@ -93,12 +93,12 @@ class SimulatedManager(Node):
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
-        """Let the operator give an order; gives the answer."""
+        """Hand an order of the operator to the core; gives its answer."""
         self._hand_over(OperatorSaid(0, order))
         return self._replies.pop()
 
     def jump(self, ahead_ns: int) -> None:
-        """Let its clock jump ahead."""
+        """Let the manager's clock jump ahead."""
         self.time.jump(ahead_ns)
         self._wake()
 
@@ -151,7 +151,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """A frame is on the bus; while the processor stands still nobody is told."""
+        """A frame is on the bus; while the processor stands still the core does not learn of it."""
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 
@@ -159,7 +159,7 @@ class SimulatedManager(Node):
         self._told(ChannelsLost(lost))
 
     def _told(self, ready: ManagerEvent | FromPlanner) -> None:
-        """A planner, a process of its own, has answered, or the driver has something to tell."""
+        """A planner, a process of its own, has answered, or the driver reports something."""
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):

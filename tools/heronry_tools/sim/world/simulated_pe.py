@@ -1,10 +1,10 @@
 """The driver of a simulated PE: its core, its stations on the buses, its modules, its deadline on the virtual clock.
 
 The core and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of an
-aircraft were switched on at the same moment, and how their periods lie to each other decides much. How its modules
-compute is in `module_steps`, how its frames leave in `pe_outbox`.
+aircraft were switched on at the same moment, and the phase between their periods decides much. How its modules compute
+is in `module_steps`, how its frames leave in `pe_outbox`.
 
-The core is asked for its invariants after every call that did more than send a frame or release a module; else at every
+The core's invariants are checked after every call that did more than send a frame or release a module; else at every
 sixteenth deadline.
 """
 
@@ -67,9 +67,9 @@ class SimulatedPe(Node):
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
-        drive: is told of every step of what drives, look: of some others; move: of every order to a device.
-        broken: how a module fails at its next step, by name, or for which phase it ASKS; broke: is told that it has.
-        witness: sees every copy of a frame on a replicated bus.
+        drive: is called with every step of a module that drives, look: with some others; move: with every order to a
+        device. broken: how a module fails at its next step, by name, or which phase it requests (ASKS); broke: is
+        called when it has failed. witness: sees every copy of a frame on a replicated bus.
         """
         super().__init__(clock, time)
         self.name = table.name
@@ -81,13 +81,13 @@ class SimulatedPe(Node):
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
         )
-        self.modules = tuple(self.steps.names.values())  # that may run here
-        # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
+        self.modules = tuple(self.steps.names.values())  # modules that may run here
+        # There is one plant, which follows no actuator by its echo; a gateway has to pass the echo on.
         self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
         self._identifiers: object = None
         self._wakes = 0
         self._unfinished: list[Action] = []
-        self._answers: list[Event] = []  # given while the processor stood still
+        self._answers: list[Event] = []  # events that came while the processor stood still
         for entry in table.ports:
             self._join(table.name, buses[entry.bus], entry, witness)
         self.outbox = PeOutbox(
@@ -109,12 +109,12 @@ class SimulatedPe(Node):
         self._wake()
 
     def jump(self, ahead_ns: int) -> None:
-        """Let its clock jump ahead."""
+        """Let the PE's clock jump ahead."""
         self.time.jump(ahead_ns)
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an answer that comes later than it was asked for, or what nobody asked for."""
+        """Give the core an event that comes later than its request, or without one."""
         if not self.is_awake:
             self._answers.append(answer)
         else:
@@ -122,12 +122,12 @@ class SimulatedPe(Node):
             self._wake()
 
     def put_off(self, actions: Sequence[Action]) -> None:
-        """Do this when the processor goes on."""
+        """Carry these actions out when the processor goes on."""
         self._unfinished += actions
         self.steps.wait(actions)
 
     def _listen(self) -> None:
-        """Let the controllers filter out what means nothing here now."""
+        """Let the controllers filter out frames that mean nothing to this PE now."""
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
         for bus, station in self.stations:
@@ -135,7 +135,7 @@ class SimulatedPe(Node):
                 bus.wants(station, wanted)
 
     def _left(self, port: int, _: Frame) -> None:
-        """A frame has left for a radio; while the processor stands still nobody is told."""
+        """A frame has left for a radio; while the processor stands still the core does not learn of it."""
         if not self.is_awake:
             return
         took_ns = self.outbox.took_ns(port)
@@ -168,7 +168,7 @@ class SimulatedPe(Node):
             self._arm(due_ns)
 
     def _carry_out(self, actions: list[Action]) -> None:
-        """Do what the core asks for, and what it asks for when its modules have answered."""
+        """Carry out the core's actions, and those that follow from its modules' answers."""
         if not _ROUTINE.issuperset(map(type, actions)):
             self.core.validate()
             if self.core.identifiers is not self._identifiers:

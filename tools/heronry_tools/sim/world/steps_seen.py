@@ -1,7 +1,7 @@
-"""What a simulated PE tells of its modules: each step that is looked at, and each order to a device.
+"""What a simulated PE reports of its modules: each step that is observed, and each order to a device.
 
-Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given, and
-of all other steps every eighth; and every order that its PE gives to a device (`Moved`), which may come much later than
+Every step of a module that drives an actuator or is a branch of a DEMUX is reported (`Driven`), with its inputs, and of
+all other steps every eighth; and every order that its PE gives to a device (`Moved`), which may come much later than
 the step, or never.
 """
 
@@ -20,9 +20,9 @@ class Moved(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A module was stepped: one that drives an actuator, or what its rivals behind a DEMUX drive, or any other.
+    """A module was stepped: one that drives an actuator, a branch of a DEMUX, or any other.
 
-    asked_ns: when the core asked for the step, and looked at its inputs.
+    asked_ns: when the core requested the step, and looked at its inputs.
     """
 
     t_ns: int

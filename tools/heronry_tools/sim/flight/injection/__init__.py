@@ -1,1 +1,1 @@
-"""What each kind of fault does to a flight, in one file for each that it hits."""
+"""What each kind of fault does to a flight: one file for each kind of target."""

@@ -1,4 +1,4 @@
-"""What befalls buses and their channels: noise, broken wires, slow bits, links of gateways that break."""
+"""Faults of buses and their channels: noise, broken wires, slow bits, links of gateways that break."""
 
 from dataclasses import replace
 from random import Random

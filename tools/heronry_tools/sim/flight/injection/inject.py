@@ -1,7 +1,7 @@
-"""How a fault strikes: it does something to a simulation, and gives what ends it.
+"""How a fault is injected: a function does something to a simulation, and returns what ends it.
 
-None is given where nothing was struck (a PE that is dead cannot be paused). What was ended once is not ended again;
-what a fault had done to a PE that has died since died with it.
+The function returns None where it injected nothing (a PE that is dead cannot be paused). What was ended once is not
+ended again; what a fault had done to a PE that has died since died with it.
 """
 
 from collections.abc import Callable
@@ -14,16 +14,16 @@ from heronry_tools.sim.world.node import Node
 End = Callable[[], None]
 Inject = Callable[[Simulation, Fault, Random], End | None]
 
-_PLUGS = ((True, False), (False, True), (True, True), (False, False))  # mute, deaf
-_PLUG_HOLDS_MS = (6, 40, 200)  # at most, so or so
+_PLUGS = ((True, False), (False, True), (True, True), (False, False))  # transmit failed, receive failed
+_PLUG_HOLDS_MS = (6, 40, 200)  # the longest time in one of these states, drawn
 
 
 def nothing() -> None:
-    """What ends a fault that needs no end."""
+    """Do nothing: the end of a fault that needs no end."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Do something now, and again and again until it is ended; `turn` gives the ns to the next time, None: no more."""
+    """Call `turn` now, and again until the fault is ended; `turn` gives the ns to the next call, None: no more."""
     over = False
 
     def do() -> None:
@@ -40,7 +40,7 @@ def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
 
 
 def loosen(simulation: Simulation, node: Node, random: Random) -> End:
-    """Let a plug be loose: what one direction does, the other may do a moment later, within a beat or some beats on."""
+    """Let a plug be loose: each direction breaks and mends in turn, within a heartbeat period or some periods later."""
 
     def turn() -> int | None:
         if not node.running:

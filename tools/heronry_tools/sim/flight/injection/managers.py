@@ -1,4 +1,4 @@
-"""What befalls managers: they die, stand still, are not heard, are started twice, or their disk is full."""
+"""Faults of managers: they die, stand still, are not heard, are started twice, or their disk is full."""
 
 from collections.abc import Callable
 from random import Random
@@ -8,16 +8,16 @@ from heronry_tools.sim.flight.injection.inject import End, Inject, loosen, nothi
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 
-_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
+_OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key take a manager that counts again for a replay
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
-    """Inject the manager that an act means, if it runs; what ends it is done to that very one."""
+    """Inject into the manager that a fault names, if it runs; its end is done to that same incarnation."""
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 
 
 def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
-    """Inject the manager that an act means, known by its seat, if it runs."""
+    """Inject into the manager that a fault names, known by its seat, if it runs."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         node, foremost = MANAGERS[fault.target], simulation.managers.foremost
@@ -32,7 +32,7 @@ def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inje
 def _dies(simulation: Simulation, seat: int, torn: Random | None) -> End:
     managers = simulation.managers
     if managers.running[seat].disk.problem is not None and simulation.key is not None:
-        simulation.waivers.begin(_OF_WHO_COUNTS_AGAIN, simulation.now_ns)
+        simulation.waivers.begin(_OF_REPLAYED_COUNTERS, simulation.now_ns)
     managers.kill(seat, torn=torn)
     return lambda: managers.start(seat) if seat > 0 and seat not in managers.running else None
 

@@ -1,4 +1,4 @@
-"""What befalls modules and devices: they fail, overrun, or give what is off."""
+"""Faults of modules and devices: they fail, overrun, or give a wrong value."""
 
 from random import Random
 

@@ -1,4 +1,4 @@
-"""What the operator orders, rightly or not."""
+"""Orders of the operator, right or wrong, as faults."""
 
 from random import Random
 

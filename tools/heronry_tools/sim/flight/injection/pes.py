@@ -1,4 +1,4 @@
-"""What befalls PEs: they die, stand still, are not heard, compute slowly or for ever, or are inspected."""
+"""Faults of PEs: they die, stand still, are not heard, compute slowly or without end, or are inspected."""
 
 from collections.abc import Callable
 from random import Random
@@ -12,7 +12,7 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Inject a PE that lives; what ends it is done to that very incarnation."""
+    """Inject into a PE that lives; the end is done to that same incarnation."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         pe = simulation.fleet.running.get(fault.name)
@@ -25,7 +25,7 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Inject where a PE of that name lives; what ends it is done to whatever runs under its name then."""
+    """Inject where a PE of that name lives; the end is done to whichever incarnation of it runs then."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         return do(simulation, fault, random) if fault.name in simulation.fleet.running else None

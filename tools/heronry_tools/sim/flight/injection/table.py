@@ -1,6 +1,6 @@
-"""Every kind of fault, by its name, and how it strikes; what it is, and what is promised, says `faults.fault`.
+"""Every kind of fault by its name, and how it is injected; `faults.fault` says what it is, and what is promised.
 
-To add one: name it there, and write how it strikes in the file here of what it hits.
+To add one: name it there, and write how it is injected in the file of this folder for its kind of target.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from heronry_tools.sim.flight.injection.modules_and_devices import ON_MODULES_AN
 from heronry_tools.sim.flight.injection.orders import BY_OPERATOR
 from heronry_tools.sim.flight.injection.pes import ON_PES
 
-STRIKES: Mapping[str, Inject] = {
+INJECTIONS_BY_KIND: Mapping[str, Inject] = {
     **ON_PES,
     **ON_MANAGERS,
     **ON_BUSES,

@@ -1,1 +1,1 @@
-"""Somebody with tools for CANopen and CANaerospace at one PE: what is read, written and got wrong, topic by topic."""
+"""A diagnostic client at one PE, with CANopen and CANaerospace: what it reads, writes and gets wrong, by topic."""

@@ -1,13 +1,14 @@
-"""Somebody with a CANopen tool and a CANaerospace tool at one PE, in flight or on a desk: reads, writes, and errs.
+"""A diagnostic client with CANopen and CANaerospace at one PE, in flight or on a desk: it reads, writes, and errs.
 
-Whatever is said to a PE this way must not be felt by anybody who flies, and is answered by the book. The technician
-knows the book (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to its state frames, and asks
-no core. What is wrong is told (`wrong`), once, and the inspection ends there.
+Whatever the client sends to a PE must not disturb the flight, and is answered as the standards say. The client knows
+the standards (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to its state frames, and has no
+access to a core. The first wrong answer is reported (`wrong`), and the inspection ends there.
 
-    in flight   the PE is configured: everything can be read, NMT is refused, a table is not taken
-    on a desk   it runs nothing and hears no manager: NMT works, and its own table may be written anew
+    in flight   the PE is configured: everything can be read, NMT is refused, a table is refused
+    on a desk   the PE runs nothing and hears no manager: NMT works, and the PE's own table may be written again
 
-What is inspected follows from what its heartbeat says. An inspection takes some seconds; what it has set, it sets back.
+What is inspected follows from what the PE's heartbeat reports. An inspection takes some seconds; what it has set, it
+sets back.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,7 +32,7 @@ from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 
 class DiagnosticClient:
-    """Inspects one PE from now on, until all has been seen or he leaves."""
+    """Inspects one PE from its creation, until all topics are done or the client leaves."""
 
     def __init__(
         self,
@@ -41,11 +42,11 @@ class DiagnosticClient:
         running: Callable[[], Mapping[str, str]],
         wrong: Callable[[str], None],
     ) -> None:
-        """running: gives the modules that are planned on the PE, with their modes. wrong: is told what is wrong."""
+        """running: gives the modules that are planned on the PE, with their modes. wrong: is told a wrong answer."""
         self._clock, self._bus, self._table, self._wrong = clock, bus, table, wrong
         self._node = table.node_id
         self._heard = Heard()
-        self._awaited, self._asked = -1, 0
+        self._awaited, self._requests = -1, 0
         self._lease_ids = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
         wants = {
             sdo_response_id(self._node),
@@ -54,13 +55,13 @@ class DiagnosticClient:
             state_id(self._node),
             *self._lease_ids,
         }
-        self._station = bus.join(f"{STRANGER}technician", 0, self._hear, frozenset(wants))
+        self._station = bus.join(f"{STRANGER}diagnostic client", 0, self._hear, frozenset(wants))
         self._talk: Talk[None] | None = _inspection(clock, table, self._heard, running)
         self._go(None)
 
     @property
     def is_done(self) -> bool:
-        """Tell whether everything has been seen."""
+        """Tell whether all topics are done."""
         return self._talk is None
 
     def leave(self) -> None:
@@ -69,7 +70,7 @@ class DiagnosticClient:
         if self._station.present:
             self._bus.leave(self._station)
 
-    # The talk goes on with an answer, or when one has been waited for long enough
+    # The talk goes on with an answer, or when the time for one is over
 
     def _go(self, answer: bytes | None) -> None:
         talk = self._talk
@@ -86,9 +87,9 @@ class DiagnosticClient:
             return
         if frame is not None:
             self._bus.offer(self._station, frame)
-        self._asked += 1
-        asked = self._asked
-        self._clock.at(self._clock.now_ns + patience_ns, lambda: self._go(None) if asked == self._asked else None)
+        self._requests += 1
+        request = self._requests
+        self._clock.at(self._clock.now_ns + patience_ns, lambda: self._go(None) if request == self._requests else None)
 
     def _hear(self, event: Received) -> None:
         frame, now_ns = event.frame, self._clock.now_ns
@@ -110,14 +111,14 @@ class DiagnosticClient:
 
 
 def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
-    """Everything, one topic after the other."""
+    """Every topic, one after the other."""
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state
-    demand(bool(heard.heartbeats), "its heartbeat is not heard")
+    demand(bool(heard.heartbeats), "the heartbeat is not heard")
     is_flying = heard.pages_0[-1][1].epoch != NO_EPOCH
-    said = heard.heartbeats[-1][1]
-    demand(said == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"its heartbeat says {said}")
+    reported = heard.heartbeats[-1][1]
+    demand(reported == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"the heartbeat says {reported}")
     yield from objects.constants()
     yield from objects.present_state(is_flying=is_flying)
     yield from objects.long_texts()

@@ -1,4 +1,4 @@
-"""CANopen's NMT and heartbeat (CiA 301, 7.2.8): refused in flight, obeyed on a desk; the time of the heartbeat."""
+"""CANopen's NMT and heartbeat (CiA 301, 7.2.8): refused in flight, executed on a desk; the time of the heartbeat."""
 
 from heronry_tools.sim.world.inspection.topic import (
     BOOT_UP,
@@ -23,10 +23,10 @@ _WAIT_NS = 100 * MS
 
 
 class Nmt(Topic):
-    """Commands the node."""
+    """Commands the node by NMT, and verifies the heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
-        """Its heartbeat comes as often as it is told; never, if it is told 0."""
+        """The heartbeat comes as often as object 1017h says; never, if it says 0."""
         for time_ms in (SHORT_MS, 0, SLOW_MS, HEARTBEAT_MS):
             found = yield from self._sdo.download(HEARTBEAT_TIME, 0, time_ms.to_bytes(2, "little"))
             demand(found is None, f"a heartbeat time of {time_ms} ms is refused: {found}")
@@ -34,18 +34,18 @@ class Nmt(Topic):
             yield from self.beats_every(time_ms)
 
     def in_flight(self) -> Talk[None]:
-        """Nothing is obeyed: the heart beats on, and says that it is operational."""
+        """No command is executed: the heartbeat goes on, and says that the PE is operational."""
         for command in (_STOP, _ENTER_PRE_OPERATIONAL, _RESET, _RESET_COMMUNICATION, _START, 77):
             for node in (self._node, BROADCAST):
                 yield Frame(NMT_ID, bytes((command, node))), -1, 2 * MS
         yield Frame(NMT_ID, bytes((_STOP,))), -1, 2 * MS
         self._heard.heartbeats.clear()
         yield from self.wait(HEARTBEAT_MS + 20)
-        said = {value for _, value in self._heard.heartbeats}
-        demand(said == {OPERATIONAL}, f"after NMT commands in flight its heartbeat says {said}")
+        states = {value for _, value in self._heard.heartbeats}
+        demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat says {states}")
 
     def on_a_desk(self) -> Talk[None]:
-        """Every command works, and only where it is meant for this node."""
+        """Every command is executed, but only where it is addressed to this node."""
         yield from self._sdo.download(HEARTBEAT_TIME, 0, SHORT_MS.to_bytes(2, "little"))
         yield from self._commanded(_START, self._node, [OPERATIONAL])
         yield from self._commanded(_STOP, self._node + 1, [OPERATIONAL])
@@ -63,8 +63,8 @@ class Nmt(Topic):
             yield from self.read(HEARTBEAT_TIME, 0, HEARTBEAT_MS)
             yield from self._commanded(_ENTER_PRE_OPERATIONAL, self._node, [PRE_OPERATIONAL], HEARTBEAT_MS)
 
-    def _commanded(self, command: int, node: int, said: list[int], time_ms: int = SHORT_MS) -> Talk[None]:
+    def _commanded(self, command: int, node: int, states: list[int], time_ms: int = SHORT_MS) -> Talk[None]:
         self._heard.heartbeats.clear()
         yield Frame(NMT_ID, bytes((command, node))), -1, (time_ms + 10) * MS
         heard = [value for _, value in self._heard.heartbeats]
-        demand(heard == said, f"after NMT command {command} to {node} its heartbeat says {heard}, and not {said}")
+        demand(heard == states, f"after NMT command {command} to {node} the heartbeat says {heard}, and not {states}")

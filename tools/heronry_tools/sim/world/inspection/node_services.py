@@ -24,10 +24,10 @@ _STAMP = 0x12345678
 
 
 class NodeServices(Topic):
-    """Asks for services."""
+    """Requests services, and verifies the answers."""
 
     def node_services(self) -> Talk[None]:
-        """Every service that a PE has, rightly and wrongly."""
+        """Every service that a PE has, requested rightly and wrongly."""
         yield from self._identification()
         stamp = request(Service.NSS, BROADCAST, data_type=DataType.ULONG, value=_STAMP)
         yield encode_service(stamp), ANSWERS, 20 * MS
@@ -60,13 +60,13 @@ class NodeServices(Topic):
             answer = _read_service((yield None, ANSWERS, 60 * MS))
         late_ns = self._clock.now_ns - begun_ns - (self._node - 92) * MS
         demand(answer is not None and 0 <= late_ns < 5 * MS, f"IDS to all is answered {late_ns} ns late: {answer}")
-        yield from self.wait(60)  # until the others have answered
+        yield from self.wait(60)  # until the other nodes have answered
 
     def _interval(self, identifier: int, time_ms: int, result: Result) -> Talk[None]:
-        asked = request(Service.TIS, self._node, data_type=DataType.SHORT2, value=(identifier, time_ms))
-        answer = yield from self._service(asked, 20)
-        said = None if answer is None else answer.datum.message_code
-        demand(said == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {said}")
+        wanted = request(Service.TIS, self._node, data_type=DataType.SHORT2, value=(identifier, time_ms))
+        answer = yield from self._service(wanted, 20)
+        code = None if answer is None else answer.datum.message_code
+        demand(code == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {code}")
 
     def _state_transmission(self) -> Talk[None]:
         """STS: both pages at once, but not more often than once in a heartbeat period."""
@@ -82,8 +82,8 @@ class NodeServices(Topic):
         demand(len(self._heard.pages_0) - seen <= 1, "STS is followed more often than once in a period")
         yield from self.wait(2 * period_ns // MS)
 
-    def _service(self, asked: ServiceMessage, ms: int) -> Talk[ServiceMessage | None]:
-        return _read_service((yield encode_service(asked), ANSWERS, ms * MS))
+    def _service(self, wanted: ServiceMessage, ms: int) -> Talk[ServiceMessage | None]:
+        return _read_service((yield encode_service(wanted), ANSWERS, ms * MS))
 
 
 def _read_service(data: bytes | None) -> ServiceMessage | None:

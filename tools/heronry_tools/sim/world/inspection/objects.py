@@ -1,4 +1,4 @@
-"""The object dictionary of a PE: what is always so, what changes, long texts, and what may not be written."""
+"""The object dictionary of a PE: constants, values that change, long texts, and what may not be written."""
 
 from collections.abc import Callable, Mapping
 
@@ -45,7 +45,7 @@ class Objects(Topic):
         self._running = running
 
     def constants(self) -> Talk[None]:
-        """What is always so, object by object: values, lengths, rights, and what there is not."""
+        """Constants, object by object: values, lengths, rights, and objects that must not exist."""
         for entry in OBJECTS:
             last = entry.most if entry.kind is Kind.ARRAY else len(entry.variables)
             every = (0,) if entry.kind in (Kind.VAR, Kind.DOMAIN) else range(last + 2)
@@ -74,7 +74,7 @@ class Objects(Topic):
             demand(fits, f"object {entry.index:04X}h, {sub_index} is {found!r}")
 
     def present_state(self, *, is_flying: bool) -> Talk[None]:
-        """What changes: as its state frames, the LEASE and the plan say."""
+        """Values that change must agree with the PE's state frames, the LEASE and the plan."""
         page, staged = self._heard.pages_0[-1][1], self._heard.pages_1[-1][1]
         told = (
             *(page.state, page.flags, page.incarnation, page.epoch, page.digest, None, staged.staged_epoch),
@@ -105,7 +105,7 @@ class Objects(Topic):
         yield from self.read(COUNTERS, 2, 0)
 
     def long_texts(self) -> Talk[None]:
-        """By segments and by blocks, with segments lost."""
+        """Long texts by segments and by blocks, with segments lost."""
         sdo, eds, table = self._sdo, eds_text().encode(), self._table.to_json().encode()
         yield from self.read(STORED_EDS, 0, eds)
         for size, lost in ((127, 0), (16, 3), (1, 0)):
@@ -120,7 +120,7 @@ class Objects(Topic):
         demand(found is Abort.NO_OBJECT, "there is an object 5000h")
 
     def refusals(self, *, is_flying: bool) -> Talk[None]:
-        """What may not be written, or not so."""
+        """What may not be written at all, or not in this way, is refused with the right abort code."""
         wrong: tuple[tuple[int, int, bytes, Abort], ...] = (
             (DEVICE_NAME, 0, b"mine", Abort.READ_ONLY),
             (STATE, 1, b"\1", Abort.READ_ONLY),
@@ -137,7 +137,7 @@ class Objects(Topic):
             found = yield from self._sdo.download(index, sub_index, data)
             demand(found is reason, f"writing to {index:04X}h, {sub_index}: {found}")
         found = yield from self._sdo.download_by_block(TABLE, 0, b"another table")
-        demand(found is Abort.DEVICE_STATE, f"a table is taken by block: {found}")
+        demand(found is Abort.DEVICE_STATE, f"a table is accepted by block: {found}")
         found = yield from self._sdo.download(ERROR_HISTORY, 0, b"\0")
         demand(found is None, f"the error history is not emptied: {found}")
         if not is_flying:
@@ -145,14 +145,14 @@ class Objects(Topic):
             yield from self._sdo.refused(huge, Abort.OUT_OF_MEMORY, TABLE)
 
     def own_table(self) -> Talk[None]:
-        """It has one, and takes no other; its own may be written again, by whatever way."""
+        """The PE accepts no table but its own, which may be written again in every way."""
         own, sdo = self._table.to_json().encode(), self._sdo
         for written in (own, b" " + own + b"\n"):
             found = yield from sdo.download(TABLE, 0, written)
-            demand(found is None, f"its own table is not taken: {found}")
+            demand(found is None, f"its own table is refused: {found}")
         found = yield from sdo.download_by_block(TABLE, 0, own, loses=3)
-        demand(found is None, f"its own table is not taken by blocks: {found}")
+        demand(found is None, f"its own table is refused by blocks: {found}")
         found = yield from sdo.download_by_block(TABLE, 0, own, checksum=1)
         demand(found is Abort.CRC, f"a wrong checksum is answered with {found}")
         found = yield from sdo.download_by_block(TABLE, 0, b"another table")
-        demand(found is Abort.DEVICE_STATE, f"another table is taken: {found}")
+        demand(found is Abort.DEVICE_STATE, f"another table is accepted: {found}")

@@ -12,18 +12,18 @@ from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import StatePage0, StatePage1
 
 MS = 1_000_000
-SHORT_MS, SLOW_MS = 100, 250  # heartbeat times that are tried
-BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # what a heartbeat says
+SHORT_MS, SLOW_MS = 100, 250  # heartbeat times that are tried, in ms
+BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # states that a heartbeat reports
 
 
 @dataclass(slots=True)
 class Heard:
-    """What was heard of the PE, and of who commands it."""
+    """What was heard of the PE, and of its manager."""
 
-    heartbeats: list[tuple[int, int]] = field(default_factory=list)  # when, and what it said
+    heartbeats: list[tuple[int, int]] = field(default_factory=list)  # time in ns, and the state reported
     pages_0: list[tuple[int, StatePage0]] = field(default_factory=list)
     pages_1: list[tuple[int, StatePage1]] = field(default_factory=list)
-    lease: tuple[int, Lease] | None = None  # the last, and the manager that gave it
+    lease: tuple[int, Lease] | None = None  # the manager's node-ID, and the last LEASE
 
 
 class Topic:
@@ -39,7 +39,7 @@ class Topic:
         yield None, -1, ms * MS
 
     def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
-        """Read an object that says this; a number in as many bytes as there are."""
+        """Read an object and demand this value; a number in as many bytes as the object has."""
         found = yield from self._sdo.upload(index, sub_index)
         same = wanted == (
             int.from_bytes(found, "little") if isinstance(wanted, int) and isinstance(found, bytes) else found
@@ -47,7 +47,7 @@ class Topic:
         demand(same, f"object {index:04X}h, {sub_index} says {found!r} and not {wanted!r}")
 
     def beats_every(self, time_ms: int) -> Talk[None]:
-        """Its heartbeat comes so often from now on; never at 0."""
+        """Demand that the heartbeat comes with this period from now on; at 0 never."""
         self._heard.heartbeats.clear()
         begun_ns = self._clock.now_ns
         yield from self.wait(4 * time_ms + 20 if time_ms < HEARTBEAT_MS else HEARTBEAT_MS + 20)
@@ -56,13 +56,13 @@ class Topic:
             demand(times == [], "a heartbeat of 0 ms is heard")
             return
         gaps = [later - earlier for earlier, later in pairwise(times)]
-        demand(all(abs(gap - time_ms * MS) < 3 * MS for gap in gaps), f"its heartbeat comes after {gaps} ns")
+        demand(all(abs(gap - time_ms * MS) < 3 * MS for gap in gaps), f"the heartbeat comes after {gaps} ns")
         demand(
-            bool(times) and times[0] - begun_ns <= (time_ms + 3) * MS, f"its heartbeat of {time_ms} ms does not come"
+            bool(times) and times[0] - begun_ns <= (time_ms + 3) * MS, f"the heartbeat of {time_ms} ms does not come"
         )
 
 
 def demand(holds: bool, story: str) -> None:
-    """Let an inspection end here unless something holds."""
+    """End the inspection with this story unless something holds."""
     if not holds:
         raise WrongAnswerError(story)

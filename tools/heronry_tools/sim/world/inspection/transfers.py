@@ -1,4 +1,4 @@
-"""SDO transfers that go wrong: what has no place where it is said, and what is not gone on with."""
+"""SDO transfers that go wrong: messages that are out of place, and transfers that the client does not continue."""
 
 from heronry_tools.sim.world.inspection.topic import MS, Topic, demand
 from heronry_tools.sim.world.sdo_talk import Talk
@@ -25,10 +25,10 @@ from heronry_wire.sdo import (
 
 
 class Transfers(Topic):
-    """Says what has no place."""
+    """Makes mistakes, and verifies that each is answered with the right abort code."""
 
     def mistakes(self) -> Talk[None]:
-        """What has no place where it is said; the transfer that was under way is over each time."""
+        """A message that is out of place is refused, and ends the transfer that was under way."""
         sdo = self._sdo
         first, next_one = with_data(UPLOAD, STORED_EDS, 0), segment(SEGMENT_UPLOAD, b"")
         yield from sdo.refused(segment(SEGMENT_UPLOAD, b""), Abort.COMMAND)
@@ -52,11 +52,11 @@ class Transfers(Topic):
         yield from sdo.ask(with_data(BLOCK_UPLOAD | BLOCK_INITIATE, STORED_EDS, 0, b"\x05"))
         yield from self._given_up(STORED_EDS)
         half = with_data(DOWNLOAD | EXPEDITED, HEARTBEAT_TIME, 0, HEARTBEAT_MS.to_bytes(4, "little"))
-        answer = yield from sdo.ask(half)  # its length is not said: as long as the object is
+        answer = yield from sdo.ask(half)  # without its length: the object's own length counts
         demand(answer == with_data(DOWNLOAD_ANSWER, HEARTBEAT_TIME, 0), f"a half of a word is answered with {answer!r}")
 
     def _given_up(self, index: int) -> Talk[None]:
-        """A transfer that is not gone on with is given up after a second, and said to be."""
+        """A transfer that the client does not continue is aborted by the server after a second."""
         answer = yield None, sdo_response_id(self._node), 900 * MS
         demand(answer is None, "it does not wait for a second")
         answer = yield None, sdo_response_id(self._node), 110 * MS
