@@ -44,7 +44,7 @@ from scenarios.flights import two_tails
 
 SEEDS = range(4)
 SCENARIOS = (
-    "a_keyed_standby_came_too_late_to_know_anybody",
+    "a_keyed_standby_came_too_late_to_know_the_pes",
     "big_blue_loses_two",
     "one_pe_loses_its_wire_to_a_channel",
     "the_same_manager_is_started_twice",

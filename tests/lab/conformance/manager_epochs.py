@@ -552,7 +552,7 @@ def it_adopts_nothing_that_is_not_clean() -> None:
         demand(bool(epochs) and min(epochs) > max(first.lease().epoch, change.get("epoch", 0)), f"epochs {epochs}")
 
 
-def a_foreseen_fault_is_called_by_its_number() -> None:
+def a_pre_planned_fault_is_called_by_its_number() -> None:
     """Where a PE holds the contingency PREPARE is all; one that says NOT_ON_BOARD gets its slice in the same epoch."""
     manager = ManagerUnderTest(contingencies=1).flies()
     stubborn = manager.pes["flight"]

@@ -15,33 +15,33 @@ from heronry_tools.console.errors import UserError
 
 _LINES: Mapping[str, str] = {
     "manager_started": "manager {node} starts, term {term}",
-    "second_manager": "manager {node} reigns too, term {term}",
+    "second_manager": "manager {node} is active too, term {term}",
     "pe_lost": "{pe} is lost: {cause}",
     "pe_absent": "{pe} is absent: {cause}",
     "pe_heard_again": "{pe} is heard again: {cause}",
     "pe_joined": "{pe} joins: {cause}",
-    "module_restarted": "{element} failed and begins again on {by} ({times})",
-    "fault_reported": "{element} has failed, says {by}",
-    "fault_cleared": "{element} is well again, says {by}",
-    "link_limited": "{bus} has {share} of its bandwidth, says {by}",
-    "link_gone": "{bus} is gone, says {by}",
-    "link_back": "{bus} is back, says {by}",
-    "channel_lost": "channel {channel} carries nothing, says {by}",
-    "channel_back": "channel {channel} is back, says {by}",
-    "phase_changed": "phase {phase}, asked for by {by}",
+    "module_restarted": "{element} failed and is restarted on {by} ({times})",
+    "fault_reported": "{element} has failed, reported by {by}",
+    "fault_cleared": "{element} is cleared by {by}",
+    "link_limited": "{bus} has {share} of its bandwidth, reported by {by}",
+    "link_gone": "{bus} is gone, reported by {by}",
+    "link_back": "{bus} is back, reported by {by}",
+    "channel_lost": "channel {channel} carries nothing, reported by {by}",
+    "channel_back": "channel {channel} is back, reported by {by}",
+    "phase_changed": "phase {phase}, requested by {by}",
     "adopted": "epoch {epoch} is adopted as it runs",
     "plan_failed": "no plan: {reason}",
     "plan_unchanged": "everything runs as planned",
-    "plan_kept": "what runs is left alone",
-    "epoch_abandoned": "epoch {epoch} is given up: {reason}",
+    "plan_kept": "the running configuration is kept",
+    "epoch_abandoned": "epoch {epoch} is abandoned: {reason}",
     "epoch_step": "epoch {epoch}: {step}",
     "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
-    "journal_failed": "the journal cannot be kept: {problem}",
-    "journal_kept": "the journal is kept again",
-    "standing_by": "this manager stands by: manager {node} reigns, term {term}",
-    "stepped_down": "this manager steps down: manager {node} reigns, term {term}",
-    "refused": "this manager is heard by most PEs as none, and begins anew",
-    "hears_nobody": "this manager hears nobody any more, and says nothing",
+    "journal_failed": "the journal cannot be written: {problem}",
+    "journal_kept": "the journal is written again",
+    "standing_by": "this manager stands by: manager {node} is active, term {term}",
+    "stepped_down": "this manager steps down: manager {node} is active, term {term}",
+    "refused": "most PEs hear no manager although this one sends: it begins a new term",
+    "hears_nobody": "this manager hears no node any more and stops sending",
     "taken_over": "the standby takes over, term {term}",
     "stopped": "the manager ends: {reason}",
 }
@@ -59,7 +59,7 @@ def event_line(event: Mapping[str, Any]) -> str | None:
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
         return f"epoch {event['epoch']} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
     if kind == "epoch_prepared" and event["contingency"]:
-        return f"epoch {event['epoch']} is called by its number: {event['contingency']}"
+        return f"epoch {event['epoch']} is contingency {event['contingency']}, called by its number"
     template = _LINES.get(kind)
     return None if template is None else template.format_map(event)
 
