@@ -171,7 +171,7 @@ def voices(*said: tuple[int, str]) -> list[str]:
 
 def test_two_of_one_number_that_go_on_in_one_term_are_seen() -> None:
     both = [(t_ms, station) for t_ms in range(0, 400, 20) for station in ("manager 126", "manager 126 again")]
-    assert voices(*both) == ["manager 126 and manager 126 again both speak for term 3"]
+    assert voices(*both) == ["manager 126 and manager 126 again both use term 3"]
 
 
 def test_with_a_key_two_that_say_the_same_at_once_are_one() -> None:
@@ -184,7 +184,7 @@ def test_with_a_key_two_that_say_the_same_at_once_are_one() -> None:
                 check.tagged(t_ms * MS, station)
         assert check.violations == [] or t_ms > 1200
     stories = {violation.story for violation in check.violations}
-    assert stories == {"manager 126 and manager 126 again both speak for term 3"}
+    assert stories == {"manager 126 and manager 126 again both use term 3"}
 
 
 def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:

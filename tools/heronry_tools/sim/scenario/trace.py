@@ -1,7 +1,7 @@
 """The decision trace: what was done, and what the manager decided upon it, one line each, to be read as a diff.
 
-No times and no plans stand in it: it changes when a decision does, and not when a frame gets a byte longer. (Whether
-decisions came in time is for expectations.) Suspicions are left out, since most suspects answer.
+It has no times and no plans: it changes when a decision does, and not when a frame gets a byte longer. (Whether
+decisions came in time is for expectations.) Suspected PEs are left out, since most of them answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """
@@ -48,12 +48,12 @@ _LINES: Mapping[str, str] = {
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Line for something that is done."""
+    """Line for a deed of the script, at its time."""
     return f"--- at {seconds:g}s {text}"
 
 
 def event_line(event: Mapping[str, Any]) -> str | None:
-    """Line for an event of the manager; None where it is no decision."""
+    """Line for an event of the manager; None where the event is no decision."""
     kind = event["event"]
     if kind == "reconfigured":
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
@@ -93,5 +93,5 @@ def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
 
 
 def keep(file: Path, trace: Iterable[str]) -> None:
-    """Make a trace the golden one."""
+    """Write a trace as the golden one of its scenario file."""
     golden_file(file).write_text("".join(f"{line}\n" for line in trace), encoding="utf-8")
