@@ -1,4 +1,4 @@
-"""Sessions of the simulator's oracles: the digest of a page 1 is found, however many sessions an attacker has opened."""
+"""Sessions of the simulator's oracles: the digest of a page 1 is found, however many sessions an attacker opens."""
 
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.oracles.proven_states import ProvenStates

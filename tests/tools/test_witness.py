@@ -1,4 +1,4 @@
-"""The witness believes frames alone: what is heard, what has fallen silent, and which modules drive at the same time."""
+"""The witness believes frames alone: what is heard, what has fallen silent, and which modules drive at one time."""
 
 from pathlib import Path
 

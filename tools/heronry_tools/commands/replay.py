@@ -76,8 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"{arguments.recording} has no LEASE to begin from{proof}: no manager was active in it")
     if found[0].epoch:
         raise UserError(
-            f"{arguments.recording} begins in the middle of a mastership, epoch {found[0].epoch} of term {found[0].term}: "
-            "record from before the manager starts"
+            f"{arguments.recording} begins in the middle of a mastership, at epoch {found[0].epoch} of term "
+            f"{found[0].term}: record from before the manager starts"
         )
     is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(
         mastership.calls_by_number() for mastership in found

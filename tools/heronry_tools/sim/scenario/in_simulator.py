@@ -70,7 +70,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
 
 
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
-    """Do what the script says, up to its end; gives its deeds: how many events there were before, and the trace line."""
+    """Do what the script says, up to its end; gives its deeds: how many events were before, and the trace line."""
     _begin(flight, script)
     start_ns = _start_ns(flight)
     injections, deeds = Injections(flight, script.faults, start_ns), []
