@@ -198,10 +198,10 @@ def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
 class OnlyNothing(Planners):
     """A planner that knows one plan: that nothing runs."""
 
-    def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
+    def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
         nothing = Configuration()
-        worth = score(self.spec, asked.now, nothing, asked.running)
-        yield "nothing at all", make_plan(self.spec, asked.now, nothing, worth, optimal=False)
+        worth = score(self.spec, request.now, nothing, request.running)
+        yield "nothing at all", make_plan(self.spec, request.now, nothing, worth, optimal=False)
 
 
 def test_a_plan_that_the_replay_would_not_make_is_told_and_flown_on_with(log: Path) -> None:

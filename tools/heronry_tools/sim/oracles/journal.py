@@ -71,7 +71,7 @@ class JournalCheck(Oracle):
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first, "" on a former disk
         self._none_entered_ns: dict[str, int] = {}  # by station: when its journal named no phase yet, last
-        self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
+        self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: bytes on its disk, and what they hold
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
         """A manager, known by its station, was heard."""

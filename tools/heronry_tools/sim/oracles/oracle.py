@@ -145,6 +145,6 @@ class Oracle:
 
 
 def listeners(oracles: Iterable[Oracle], hook: str) -> tuple[Oracle, ...]:
-    """Those that want to be told: they override the method of this name."""
+    """Oracles that override the method of this name: it needs to be called on them alone."""
     unheard = getattr(Oracle, hook)
     return tuple(one for one in oracles if getattr(type(one), hook) is not unheard)

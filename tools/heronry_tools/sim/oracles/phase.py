@@ -79,7 +79,7 @@ class PhaseCheck(Oracle):
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """A PE has told its incarnation: a new one counts its requests anew."""
+        """A PE has reported its incarnation: a new one counts its requests anew."""
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation

@@ -61,7 +61,7 @@ class SafeModeCheck(Oracle):
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """A PE's state was told, on the managers' bus."""
+        """A PE's state was on the managers' bus."""
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:
