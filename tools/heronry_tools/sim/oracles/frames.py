@@ -159,7 +159,7 @@ class FrameWatch:
         known = self._known
         if known.proven is not None and isinstance(message, Control):
             known.proven.commanded(manager, message)  # it may open a session, from whichever manager it comes
-        if not known.terms.judge_command(sent.end_ns, manager, message, sent.sender):
+        if not known.terms.follow_command(sent.end_ns, manager, message, sent.sender):
             known.commanded.take(sent.end_ns, message, is_active=False)
             return
         epoch = known.commanded.take(sent.end_ns, message)
@@ -175,7 +175,7 @@ class FrameWatch:
         for oracle in self._of["manager_heard"]:
             oracle.manager_heard(sent.end_ns)
         message, known = decode_command(Command.ALIVE, sent.frame.data), self._known
-        if not isinstance(message, Alive) or not known.terms.judge_alive(sent.end_ns, sent.sender, message.term):
+        if not isinstance(message, Alive) or not known.terms.follow_alive(sent.end_ns, sent.sender, message.term):
             return
         known.solitude.heard(sent.end_ns, sent.bus, sent.sender)
         if message.term > self._term:

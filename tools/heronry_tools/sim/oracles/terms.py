@@ -56,7 +56,7 @@ class TermCheck(Oracle):
             self._is_split = is_split
             self._voices.clear()
 
-    def judge_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
+    def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """Verify a command on the managers' bus; tells whether its term is active, as far as a node there can know."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
@@ -83,7 +83,7 @@ class TermCheck(Oracle):
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
-    def judge_alive(self, t_ns: int, station: str, term: int) -> bool:
+    def follow_alive(self, t_ns: int, station: str, term: int) -> bool:
         """Verify an ALIVE on the managers' bus; tells whether its term is active, and can be believed."""
         if not self._has_key:
             self._meet(t_ns, station, term)
