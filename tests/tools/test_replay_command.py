@@ -271,6 +271,6 @@ def test_what_cannot_be_replayed_is_said_in_a_sentence(
     late.write_text("\n".join(lines[len(lines) // 2 :]) + "\n")
     assert "begins in the middle of a mastership" in refused(capsys, str(late), SPEC)
     quiet.write_text("\n".join(line for line in lines if lease not in line) + "\n")
-    assert "no manager was active" in refused(capsys, str(quiet), SPEC)
+    assert "no manager is active" in refused(capsys, str(quiet), SPEC)
     assert "name the manager's bus with --channel" in refused(capsys, str(log), SPEC, "--channel", "can9")
     assert "No such file" in refused(capsys, str(tmp_path / "none.log"), SPEC)

@@ -6,8 +6,8 @@ rows from the first to the last. Rows of two file names are golden traces that w
 
     python -m lab.words.rewrite_traces 66bc6f2
 
-prints the traces of this checkout that are not those of the commit, rewritten. Exit codes: 0 there are none; 1 there
-are some.
+prints the traces of this checkout that are not those of the commit, rewritten; with `--write` it writes those. Exit
+codes: 0 there are none; 1 there are some.
 """
 
 import argparse
@@ -92,11 +92,15 @@ def _is_name(old: str) -> bool:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Compare the golden traces with those of a commit; returns the exit code."""
+    """Compare the golden traces with those of a commit, or write them; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m lab.words.rewrite_traces", description=__doc__.split("\n")[0])
     parser.add_argument("commit", help="commit with the golden traces in the old sentences")
+    parser.add_argument("--write", action="store_true", help="write the traces of the commit, rewritten")
     arguments = parser.parse_args(words)
     expected = rewritten_traces(traces_of(arguments.commit), read_changes(_TABLE.read_text(encoding="utf-8")))
+    if arguments.write:
+        for name, text in expected.items():
+            (_CHECKOUT / _SCENARIOS / name).write_text(text, encoding="utf-8")
     now = {file.name: file.read_text(encoding="utf-8") for file in (_CHECKOUT / _SCENARIOS).glob(f"*{_SUFFIX}")}
     different = sorted(name for name in expected.keys() | now.keys() if expected.get(name) != now.get(name))
     print("\n".join(different) if different else f"{len(now)} golden traces are those of {arguments.commit}, rewritten")

@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = masterships(spec, on_the_bus)
     if not found:
         proof = "" if arguments.key is None else f" that {arguments.key} proves"
-        raise UserError(f"{arguments.recording} has no LEASE to begin from{proof}: no manager was active in it")
+        raise UserError(f"no manager is active in {arguments.recording}: there is no LEASE to begin from{proof}")
     if found[0].epoch:
         raise UserError(
             f"{arguments.recording} begins in the middle of a mastership, at epoch {found[0].epoch} of term "
