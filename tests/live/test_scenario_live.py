@@ -83,5 +83,5 @@ def test_with_patience_what_comes_late_holds(tmp_path: Path) -> None:
 
 def test_the_ground_flies_it_until_the_radio_fades() -> None:
     told = flown("the_ground_flies_it_until_the_radio_fades")
-    assert "radio has 8% of its bandwidth, says comms" in told["trace"]
-    assert "radio is gone, says comms" in told["trace"]  # where the computer is busy, ground was lost before
+    assert "radio has 8% of its bandwidth, reported by comms" in told["trace"]
+    assert "radio is gone, reported by comms" in told["trace"]  # where the computer is busy, ground was lost before

@@ -1,4 +1,4 @@
-"""What the scenarios share: the aircraft that fly in them, and how a flight is begun, disturbed and looked back on."""
+"""What the scenarios share: the aircraft that fly in them, and how a flight is begun, disturbed and evaluated."""
 
 from functools import cache
 from pathlib import Path
@@ -29,7 +29,7 @@ def elevator_and_chute() -> Spec:
 
 @cache
 def two_tails() -> Spec:
-    """Figure 3 with its two servos on two PEs, so that the DEMUX has to move between them."""
+    """Figure 3 of the paper with its two servos on two PEs, so that the DEMUX has to move between them."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     apart = text.replace(
         "elevator_servo_2: {kind: actuator, pe: tail_pe", "elevator_servo_2: {kind: actuator, pe: control_pe"

@@ -1,4 +1,4 @@
-"""Modules that bring a phase about: one asks for it, one gives what a phase's rule waits for, and one shows."""
+"""Modules that bring a phase about: one requests it, one gives what a phase's rule waits for, and one shows."""
 
 from heronry_agent.module import Inputs, Module, Value
 
@@ -6,7 +6,7 @@ _ASKS_AFTER_STEPS = 20
 
 
 class AsksForTheGlide(Module):
-    """Gives `mark`, and asks for the glide in every step from its twentieth on."""
+    """Gives `mark`, and requests the glide in every step from its twentieth on."""
 
     steps = 0
 

@@ -1,4 +1,4 @@
-"""Code of one's own in a module: here, code that fails in flight."""
+"""Code of a user in a module: here, code that fails in flight."""
 
 from heronry_agent.module import Context, Inputs, Module, Value
 

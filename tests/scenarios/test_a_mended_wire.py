@@ -1,4 +1,4 @@
-"""A PE that was not heard for a while, and is heard again just when others have taken over what it did."""
+"""A PE that was not heard for a while, and is heard again just when other PEs have taken over what it did."""
 
 import pytest
 
@@ -12,8 +12,8 @@ ACTIVATE = management_id(FIRST_MANAGER, Command.ACTIVATE)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_who_was_replaced_while_transmit_failed_sends_nothing_more_of_what_it_had_waiting(seed: int) -> None:
-    """The manager decides at once: no ALIVE has told this PE yet when its wire is mended, at the moment of GO_ALL."""
+def test_a_pe_that_was_replaced_while_its_transmitter_failed_sends_no_frame_that_it_had_queued(seed: int) -> None:
+    """The manager decides immediately: the PE has not received ALIVE yet when its wire is mended, at GO_ALL."""
     index = TableIndex(prepared(big_blue(), None).tables["air"])
     identifiers = index.identifiers(index.movable)
     simulation = flying(big_blue(), seed, decide_ns=MS)

@@ -1,12 +1,12 @@
-"""A manager that starts anew while every PE is in quarantine, as it remembers: nobody to command, no other cause."""
+"""A manager that starts anew while every PE is in quarantine, as it remembers: there is no PE to command."""
 
 from scenarios.flights import MS, flying, two_tails
 
 
-def test_a_mastership_begins_while_everybody_is_held_down() -> None:
+def test_a_mastership_begins_while_every_pe_is_held_down() -> None:
     simulation = flying(two_tails())
     for wait_ns in (1_200 * MS, 1_200 * MS, 1_200 * MS, 0):
-        for pe in simulation.spec.pes:  # one after the other: who hears nobody at all says nothing
+        for pe in simulation.spec.pes:  # one after the other: a manager that hears no PE at all sends nothing
             simulation.fleet.kill(pe)
             simulation.run_for(100 * MS)
             simulation.fleet.restore(pe)

@@ -1,4 +1,4 @@
-"""BIG BLUE III as planned: what it holds, what it flies with, and how it gives things up."""
+"""BIG BLUE III as planned: what the spec holds, what the plans serve, and what they give up first."""
 
 from functools import cache
 
@@ -96,7 +96,7 @@ def test_no_single_processor_takes_a_class_a_function_along(phase: str, pe: str)
 
 
 @pytest.mark.parametrize("device", [d for d in SPEC.devices if SPEC.devices[d].kind == "actuator"])
-def test_no_single_actuator_does_either(device: str) -> None:
+def test_no_single_actuator_takes_a_class_a_function_along(device: str) -> None:
     for phase in ("deployment", "landing"):
         missing = unserved(planned(phase, (f"device:{device}",)), phase)
         assert not any(name.startswith("A:") for name in missing)
@@ -167,7 +167,7 @@ def test_two_processors_that_hold_both_halves_of_a_pair_cost_it(down: tuple[str,
 
 
 @pytest.mark.parametrize("down", [("pe:flight", "pe:air"), ("pe:flight", "pe:tail_a"), ("pe:flight", "pe:payload")])
-def test_two_losses_show(down: tuple[str, ...]) -> None:
+def test_two_losses_cost_quality_and_no_function_of_classes_a_to_c(down: tuple[str, ...]) -> None:
     made = planned("glide", down)
     best = {name: next(iter(module.modes)) for name, module in SPEC.modules.items()}
     assert any(mode != best[name] for name, mode in modes(made).items())

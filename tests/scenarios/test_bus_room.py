@@ -1,7 +1,7 @@
-"""Two views that do not fit on the bus together: one must have gone before the other comes, whoever misses what.
+"""Two views that do not fit on the bus together: one must have gone before the other comes, whatever a PE misses.
 
-Nothing exclusive moves here, so without a look at the buses ACTIVATE would carry GO_ALL at once. What is judged is what
-was on the bus.
+Nothing exclusive moves here, so without a look at the buses the first ACTIVATE would carry GO_ALL. Verified is what was
+on the bus.
 """
 
 from collections.abc import Callable
@@ -107,7 +107,7 @@ def receive_failed_from(frame: Sent, pe: str) -> Callable[[Simulation], None]:
 
 @pytest.mark.parametrize("number", [0, 1], ids=["BREAK", "GO_ALL"])
 @pytest.mark.parametrize("pe", ["left", "right", "sink"])
-def test_whoever_misses_a_step_the_bus_never_carries_both(number: int, pe: str) -> None:
+def test_the_bus_never_carries_both_whichever_pe_misses_a_step(number: int, pe: str) -> None:
     frame, _ = activations(flown())[number]
     simulation = flown(receive_failed_from(frame, pe))
     assert views(simulation, "look_left", "view_left")[-1] < views(simulation, "look_right", "view_right")[0]

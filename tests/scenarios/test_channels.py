@@ -1,4 +1,4 @@
-"""Pulling one channel of a replicated bus changes nothing but the report, at whatever moment and whoever is hit."""
+"""Pulling one channel of a replicated bus changes nothing but the report, at any moment and on any PE."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def flight(*faults: str) -> Simulation:
 
 
 def story(simulation: Simulation) -> list[dict[str, Any]]:
-    """All that the manager told but the report, without times."""
+    """Events of the manager except the reports of channels, without times."""
     timeless = ("t_ns", "times_ns", "decide_ns", "last_heard_ns", "silent_ns", "plan")
     return [
         {key: value for key, value in event.items() if key not in timeless}
@@ -55,7 +55,7 @@ def test_a_flight_with_a_channel_pulled_is_the_same_flight(untouched: Simulation
     assert pulled.settle() == []
 
 
-def test_without_a_fault_both_channels_carry_the_same_and_nobody_tells_anything(untouched: Simulation) -> None:
+def test_without_a_fault_both_channels_carry_the_same_and_no_pe_reports_anything(untouched: Simulation) -> None:
     for first, second in untouched.wiring.wires.values():
         assert (first.frames, first.busy_bits) == (second.frames, second.busy_bits)
     emergencies = {emcy_id(pe.node_id) for pe in untouched.spec.pes.values()}
@@ -79,7 +79,7 @@ def test_a_manager_that_is_new_knows_within_a_second_what_is_lost() -> None:
     assert manager.core.status()["channels"]["can0.2"] == ["the manager", "front", "rear", "tail"]
 
 
-def test_a_node_that_starts_on_one_channel_is_available_and_tells() -> None:
+def test_a_pe_that_starts_on_one_channel_is_available_and_reports_the_other() -> None:
     simulation = flying(twin_wires())
     simulation.break_channel("can0.1")
     simulation.fleet.kill("rear")

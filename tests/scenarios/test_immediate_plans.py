@@ -1,4 +1,4 @@
-"""Plans that nobody has foreseen: the greedy one flies at once, and is replaced if the best one is worth it."""
+"""Faults that were not pre-planned: the greedy plan flies immediately, and is replaced if the best one is worth it."""
 
 import pytest
 
@@ -39,7 +39,7 @@ def test_the_whole_aircraft_without_its_flight_computer_ends_with_the_best_plan(
 
 @pytest.mark.soak
 def test_the_whole_aircraft_flies_without_a_solver() -> None:
-    """Level 3 may fall short of the best: nothing else may."""
+    """Level 3 of the objective may fall short of the best plan: no other level may."""
     simulation = Simulation(big_blue(), planners=Planners.GREEDY)
     simulation.run_for(2_000 * MS)
     simulation.fleet.kill("flight")
@@ -49,8 +49,8 @@ def test_the_whole_aircraft_flies_without_a_solver() -> None:
     assert critical_and_utility(simulation) == (dict(zip("ABCD", best.critical, strict=True)), best.utility)
 
 
-def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
-    """As a manager is fitted out for a flight: the loss of a PE is pre-planned, and its plan is the best one."""
+def test_a_plan_of_the_pre_planner_flies_immediately() -> None:
+    """With the planners of a real flight: the loss of a PE is pre-planned, and its plan is the best one."""
     simulation = flying(elevator_and_chute(), planners=Planners.ALL)
     simulation.run_for(1_000 * MS)
     simulation.fleet.kill("tail_pe")
@@ -62,7 +62,7 @@ def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
     assert told["decide_ns"] < MS
 
 
-def test_a_fault_while_the_best_plan_is_looked_for_is_answered_at_once() -> None:
+def test_a_fault_while_the_best_plan_is_computed_has_an_immediate_plan() -> None:
     simulation = flying(big_blue(), planners=Planners.IMMEDIATE, decide_ns=200 * MS)
     simulation.fleet.kill("flight")
     while not simulation.events_of("reconfigured")[1:]:

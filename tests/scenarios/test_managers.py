@@ -1,4 +1,4 @@
-"""The manager dies, and another reign begins: nobody stops flying for it, and what it does not know it finds out."""
+"""The manager dies, and another mastership begins: no function stops for that, and the new manager finds what runs."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def successor(simulation: Simulation, after_ns: int) -> None:
     simulation.at(simulation.now_ns + after_ns, simulation.managers.start)
 
 
-def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -> None:
+def test_without_a_manager_every_function_goes_on_and_the_next_manager_adopts_what_runs() -> None:
     simulation = flying(two_tails())
     successor(simulation, 2_000 * MS)
     simulation.run_for(1_990 * MS)
@@ -34,13 +34,13 @@ def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
     assert simulation.settle() == []
     second = simulation.managers.running[127]
     assert second.stopped is not None
-    assert "manager 126 already reigns" in second.stopped
+    assert "manager 126 already" in second.stopped
     assert active_manager is not None
     assert active_manager.stopped is None
 
 
 @pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
-def test_a_pe_that_was_cut_off_over_a_change_of_mastership_is_taken_in(pe: str) -> None:
+def test_a_pe_that_was_cut_off_over_a_change_of_mastership_joins(pe: str) -> None:
     simulation = flying(two_tails())
     simulation.fleet.cut(pe)
     simulation.run_for(200 * MS)
@@ -90,14 +90,14 @@ def test_big_blue_under_a_new_mastership_while_a_processor_comes_back() -> None:
 
 
 def reported(simulation: Simulation, module: str) -> None:
-    """A module raises until it is given up; goes on until the manager has just heard of it, and it would run again."""
+    """Let a module raise until its PE stops it for good, fly until the manager has heard that, and mend the module."""
     simulation.fleet.broken_modules[module] = "raise"
     while not simulation.events_of("fault_reported"):
         simulation.run_for(MS // 10)
     simulation.fleet.broken_modules.clear()
 
 
-def test_a_module_that_is_cleared_before_anybody_has_planned_without_it_runs_again() -> None:
+def test_a_module_that_is_cleared_before_there_is_a_plan_without_it_runs_again() -> None:
     simulation = flying(two_tails())
     reported(simulation, "chute_logic")
     reply = simulation.operator.say(ClearElement("module:chute_logic"))
@@ -108,11 +108,11 @@ def test_a_module_that_is_cleared_before_anybody_has_planned_without_it_runs_aga
     assert simulation.managers.foremost.core.status()["latched"] == []
 
 
-def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_told_again_to_the_next_one() -> None:
+def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_reported_again_to_the_next_one() -> None:
     simulation = Simulation(two_tails(), 3, standby=True)
     simulation.run_for(1_000 * MS)
     reported(simulation, "chute_logic")
-    simulation.run_for(MS)  # the acknowledgement is out, and the next beat is not
+    simulation.run_for(MS)  # the acknowledgement is sent, and the next heartbeat is not
     simulation.managers.kill()
     assert simulation.settle() == []
     assert [event["element"] for event in simulation.events_of("fault_reported")] == ["module:chute_logic"] * 2

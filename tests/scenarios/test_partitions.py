@@ -1,4 +1,4 @@
-"""A PE that lives and is not heard, or does not hear: it drives on for a while, and nobody may take its place too soon.
+"""A PE that lives and is not heard, or does not hear: it drives on for a while, and no PE may take its place too soon.
 
 Here planning is quick (2 ms), so that nothing but the protocol keeps the new driver waiting.
 """
@@ -38,7 +38,7 @@ def test_a_pe_of_big_blue_is_cut_off_and_mended(cut: tuple[str, int]) -> None:
     assert simulation.settle() == []
 
 
-def test_a_driver_that_was_cut_off_does_not_take_the_word_of_one_that_has_restarted() -> None:
+def test_a_driver_that_was_cut_off_does_not_drive_on_the_state_of_a_pe_that_has_restarted() -> None:
     """Its DEMUX has been given away when its wire is mended, and the first it hears is a PE that runs nothing yet."""
     for mended_ms in sample(range(4, 20, 2), 3):
         simulation = flying(two_tails(), 36, decide_ns=2 * MS)
@@ -58,7 +58,7 @@ def servo_sticks(simulation: Simulation) -> None:
     simulation.fail_device("elevator_servo_1", "stuck")
 
 
-def test_who_has_to_let_go_is_receive_failed_from_any_message_on() -> None:
+def test_a_pe_that_has_to_stop_driving_has_a_failed_receiver_from_any_message_on() -> None:
     recorded = flying(two_tails(), keep_trace=True, decide_ns=2 * MS)
     servo_sticks(recorded)
     recorded.run_for(10_000 * MS)
@@ -72,7 +72,7 @@ def test_who_has_to_let_go_is_receive_failed_from_any_message_on() -> None:
         assert simulation.settle() == [], frame
 
 
-def test_a_pe_that_stays_receive_failed_is_given_up_although_it_speaks() -> None:
+def test_a_pe_whose_receiver_stays_failed_is_failed_although_it_sends() -> None:
     simulation = flying(two_tails(), decide_ns=2 * MS)
     simulation.fleet.kill("sensor_pe")
     simulation.fleet.fail_receiver("tail_pe", 1_000 * MS)

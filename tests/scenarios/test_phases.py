@@ -1,4 +1,4 @@
-"""Mission phases in flight: whoever may ask for one is heard, whatever is lost on the way; and the operator's word."""
+"""Mission phases in flight: requests of PEs arrive, whichever frame is lost on the way; and orders of the operator."""
 
 import pytest
 
@@ -18,7 +18,7 @@ ESTIMATOR = "  state_estimator: {"
 
 
 def with_phases(phases: str, **images: str) -> Spec:
-    """Figure 3 with phases, and with code of one's own in some modules."""
+    """Figure 3 of the paper with phases, and with code of this file in some modules."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     text = text.replace("criticality: D, priority: 20", "criticality: D, priority: {default: 20, land: 0}")
     for module, image in images.items():
@@ -28,7 +28,7 @@ def with_phases(phases: str, **images: str) -> Spec:
 
 
 class AsksForLanding(Module):
-    """Estimates nothing, and asks for the landing from its fortieth step on, in every step."""
+    """Estimates nothing, and requests the landing from its fortieth step on, in every step."""
 
     steps = 0
 
@@ -74,7 +74,7 @@ def test_the_operator_changes_the_phase_and_what_is_not_wanted_stops() -> None:
     assert told["stopped"] == ["angle_driver", "servo_monitor"]
 
 
-def test_a_module_that_asks_in_every_step_is_heard_once() -> None:
+def test_a_module_that_requests_a_phase_in_every_step_is_heard_once() -> None:
     simulation = flying(ASKING)
     simulation.run_for(2_000 * MS)
     assert [phase for phase, _ in entered(simulation)] == ["land"]
@@ -101,7 +101,7 @@ def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None
 
 
 @pytest.mark.parametrize("spec", [RISING, ASKING], ids=["by a rule", "by a module"])
-def test_another_mastership_is_asked_again(spec: Spec) -> None:
+def test_another_mastership_receives_the_request_again(spec: Spec) -> None:
     simulation = flying(spec)
     simulation.run_for(3_000 * MS)
     assert simulation.checks.phase == "land"
@@ -116,12 +116,13 @@ def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> N
     recorded = flying(ASKING, keep_trace=True)
     started_ns = recorded.now_ns
     recorded.run_for(1_500 * MS)
-    asked = {emcy_id(pe.node_id) for pe in ASKING.pes.values()}
+    requests = {emcy_id(pe.node_id) for pe in ASKING.pes.values()}
     answers = management_id(126, Command.CONTROL)
     told = [
         sent
         for sent in management_frames(recorded.trace, started_ns, recorded.now_ns)
-        if sent.frame.can_id in asked or (sent.frame.can_id == answers and sent.frame.data[3] == Operation.ACKNOWLEDGE)
+        if sent.frame.can_id in requests
+        or (sent.frame.can_id == answers and sent.frame.data[3] == Operation.ACKNOWLEDGE)
     ]
     assert len(told) > 2  # the answer again, each time that the phase is told
     for sent in told[:2]:
@@ -143,7 +144,7 @@ def test_big_blue_in_another_phase_loses_a_processor_and_gets_it_back() -> None:
     assert simulation.checks.phase == "landing"
 
 
-def test_a_pe_that_the_operator_fails_lets_go_and_comes_back_when_it_is_cleared() -> None:
+def test_a_pe_that_the_operator_fails_stops_driving_and_comes_back_when_it_is_cleared() -> None:
     simulation = flying(two_tails())
     say(simulation, FailElement("pe:tail_pe"))
     simulation.truth.failed("pe:tail_pe")
@@ -170,7 +171,7 @@ def test_a_mastership_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> Non
     assert simulation.settle() == []
 
 
-def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
+def test_an_advisor_beside_a_manager_sends_nothing_and_plans_the_same() -> None:
     simulation = flying(two_tails())
     active_manager = simulation.managers.foremost
     simulation.managers.start(127, advise=True)

@@ -1,4 +1,4 @@
-"""Start-up, and one thing after the other that goes wrong: what could be served is heard again every time."""
+"""Start-up, and one fault after the other: what could be served is heard again every time."""
 
 import pytest
 
@@ -44,7 +44,7 @@ def test_a_demux_whose_driver_dies_is_driven_from_the_other_side(pe: str) -> Non
     assert simulation.settle() == []
 
 
-def test_a_pe_that_starts_late_is_waited_for_and_one_that_starts_very_late_is_taken_in() -> None:
+def test_a_pe_that_starts_late_is_waited_for_and_one_that_starts_very_late_joins() -> None:
     simulation = Simulation(elevator_and_chute(), 1)
     simulation.at(210 * MS, lambda: simulation.fleet.kill("tail_pe"))
     simulation.at(7_000 * MS, lambda: simulation.fleet.restore("tail_pe"))
@@ -64,7 +64,7 @@ def test_a_reboot_faster_than_a_heartbeat_is_seen() -> None:
     assert "rebooted" in simulation.events_of("pe_lost")[-1]["cause"]
 
 
-def test_who_keeps_failing_is_held_down_for_longer_each_time() -> None:
+def test_a_pe_that_keeps_failing_is_held_down_for_longer_each_time() -> None:
     simulation = flying(two_tails())
     downs = []
     for _ in range(4):
@@ -99,7 +99,7 @@ def with_a_twin_of_what_raises() -> Spec:
     return loads(text.replace("functions:\n", f"{twin}\nfunctions:\n"), "raising.dg.yaml")
 
 
-def test_a_module_that_raises_is_stopped_reported_and_planned_around() -> None:
+def test_a_module_that_raises_is_stopped_and_reported_and_the_plan_does_without_it() -> None:
     simulation = Simulation(with_a_twin_of_what_raises())
     simulation.truth.failed("module:state_estimator")  # half a second after it was started it raises
     simulation.run_for(1_500 * MS)

@@ -1,7 +1,7 @@
-"""Every frame of a reconfiguration, one at a time, lost to everybody, missed by one receiver, or received twice.
+"""Every frame of a reconfiguration, one at a time, lost to all nodes, missed by one receiver, or received twice.
 
 CAN sends a destroyed frame again and is not an atomic broadcast: what one node has received another may have missed, or
-have twice. Whatever becomes of any one command, state or emergency frame, the end is the same.
+have twice. Whatever happens to any one command, state or emergency frame, the end is the same.
 """
 
 import pytest
@@ -43,7 +43,7 @@ def end_of(frame: Sent, tampering: Tampering) -> list[object]:
 
 
 @pytest.mark.parametrize("copies", [0, 2], ids=["lost", "doubled"])
-def test_a_frame_is_lost_to_everybody_or_received_twice(copies: int) -> None:
+def test_a_frame_is_lost_to_all_nodes_or_received_twice(copies: int) -> None:
     wrong = {frame: found for frame in sample(frames()) if (found := end_of(frame, Tampering(copies)))}
     assert wrong == {}
 

@@ -1,8 +1,8 @@
-"""The state diagrams of docs/protocol/, held against flights and drills: what happens is drawn, what is drawn happens.
+"""The state diagrams of docs/protocol/ against flights and conformance tests: every transition is drawn, and happens.
 
 Some machines are tables in the code (`TransitionTable`): their diagrams are written from these, nothing else can
-happen, and here it is seen that all of it does. The others a person has drawn; this keeps the person honest. What a PE
-is (PeState) is held against every order of steps in tests/lab/tests/test_documents.py.
+happen, and here it is verified that all of it does. The others are drawn by hand, and compared here with what happens.
+The state of a PE (PeState) is compared with every order of steps in tests/lab/tests/test_documents.py.
 """
 
 import re
@@ -44,7 +44,7 @@ from scenarios.flights import two_tails
 
 SEEDS = range(4)
 SCENARIOS = (
-    "a_keyed_standby_came_too_late_to_know_anybody",
+    "a_keyed_standby_came_too_late_to_know_the_pes",
     "big_blue_loses_two",
     "one_pe_loses_its_wire_to_a_channel",
     "the_same_manager_is_started_twice",
@@ -75,7 +75,7 @@ States = Mapping[Hashable, str]
 
 @dataclass(frozen=True)
 class Machine:
-    """A state machine that a person has drawn, and how its states are found: by a look at its owner."""
+    """A state machine that is drawn by hand, and how its states are found: `look` reads them from their owner."""
 
     states: str
     owner: type
@@ -186,7 +186,7 @@ def noting_what_has_changed(
 
 
 def rare() -> None:
-    """Let happen what may, and what none of the flights and drills comes to."""
+    """Make the transitions that none of the flights and conformance tests comes to."""
     spec = two_tails()
     first, second, *_ = spec.pes
     known = Health(spec, 0, 10**9)

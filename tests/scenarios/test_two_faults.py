@@ -1,4 +1,4 @@
-"""A second PE dies while the aircraft still deals with the first: at drawn offsets, and at every single message.
+"""A second PE dies while the reconfiguration for the first is under way: at drawn offsets, and at every single message.
 
 The first flight is recorded; then it is flown again, once for every command, state and emergency frame between the
 moment at which the loss is known and the end of the reconfiguration, and at the end of that frame another PE dies.
@@ -93,7 +93,7 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
     assert wrong == {}
 
 
-def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None:
+def test_the_pe_that_comes_back_dies_again_at_the_end_of_every_message() -> None:
     wrong = {}
     for frame in sample(frames_of(two_tails(), gets_tail_back)):
         simulation = flown_again(two_tails(), gets_tail_back, frame, lambda flight: flight.fleet.kill("tail_pe"))

@@ -1,4 +1,4 @@
-"""With a key: whatever becomes of one TAG, question or answer, everybody is believed again, and nobody stops."""
+"""With a key: whatever happens to one TAG, nonce or welcome, every PE is believed again, and no other PE is lost."""
 
 import pytest
 
@@ -40,8 +40,8 @@ def is_welcome(sent: Sent) -> bool:
     return isinstance(order, Control) and order.operation is Operation.WELCOME
 
 
-def is_question(sent: Sent) -> bool:
-    """Tell whether a frame asks for an answer."""
+def is_nonce(sent: Sent) -> bool:
+    """Tell whether a frame is a page 2, with which a PE asks for a welcome."""
     return sent.frame.can_id in map(state_id, (92, 93, 94)) and sent.frame.data[0] & 0xC0 == ASKS
 
 
@@ -54,8 +54,8 @@ def ends_well(frame: Sent, tampering: Tampering) -> list[object]:
 
 
 @pytest.mark.parametrize("copies", [0, 2], ids=["lost", "doubled"])
-def test_a_tag_a_question_or_an_answer_is_lost_or_doubled(copies: int) -> None:
-    aimed = [sent for sent in recorded() if sent.frame.can_id == TAG or is_welcome(sent) or is_question(sent)]
+def test_a_tag_a_nonce_or_a_welcome_is_lost_or_doubled(copies: int) -> None:
+    aimed = [sent for sent in recorded() if sent.frame.can_id == TAG or is_welcome(sent) or is_nonce(sent)]
     assert len(aimed) > 20
     wrong = {sent: found for sent in sample(aimed[:: 1 + copies]) if (found := ends_well(sent, Tampering(copies)))}
     assert wrong == {}

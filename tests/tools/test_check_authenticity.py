@@ -1,4 +1,4 @@
-"""Every command that a PE accepts was authentic and fresh: who breaks that is seen, and who keeps to it is not."""
+"""Every command that a PE accepts was authentic and fresh: the oracle finds the PE that breaks that, and no other."""
 
 from itertools import pairwise
 
@@ -40,13 +40,13 @@ MS = 1_000_000
 
 
 class Bus:
-    """A judge, and what it is shown."""
+    """An oracle, and what it is shown."""
 
     def __init__(self) -> None:
         self.check = AuthenticityCheck(SPEC, KEY)
         self.now_ns = 1000 * MS
         self.signer = CommandSigner(KEY, 126, 1)
-        self.pe_says(PeState.UNCONFIGURED, 0)
+        self.pe_sends(PeState.UNCONFIGURED, 0)
 
     def show(self, frame: Frame, sender: str = "manager 126", bus: str = "can0") -> None:
         self.check.seen(Sent(self.now_ns, bus, sender, frame))
@@ -63,7 +63,7 @@ class Bus:
         for frame in pair:
             self.show(frame, f"{STRANGER}forger")
 
-    def pe_says(self, state: PeState, epoch: int, *, hears: bool = False, incarnation: int = 1) -> None:
+    def pe_sends(self, state: PeState, epoch: int, *, hears: bool = False, incarnation: int = 1) -> None:
         page = StatePage0(state, PeFlags.HEARS_LEASE if hears else PeFlags(0), incarnation, epoch, 0, 7)
         self.show(Frame(state_id(NODE), page.encode()), "tail_pe")
 
@@ -71,7 +71,7 @@ class Bus:
         page = StatePage1(PeState.ACTIVE, PeFlags(0), epoch, 0, Reason.NONE, 0)
         self.show(Frame(state_id(NODE), page.encode()), "tail_pe")
 
-    def pe_takes_back(self, index: int) -> None:
+    def pe_withdraws(self, index: int) -> None:
         said = Emergency(FaultCode.RESET, 0, ElementKind.MODULE, index, 0)
         self.show(Frame(emcy_id(NODE), said.encode()), "tail_pe")
 
@@ -81,45 +81,45 @@ class Bus:
         return [violation.story for violation in self.check.violations]
 
 
-def test_who_does_what_was_said_by_who_has_the_key_is_well() -> None:
+def test_a_pe_that_does_what_a_holder_of_the_key_commands_breaks_nothing() -> None:
     bus = Bus()
     bus.say(Prepare(1, 1, 7))
     bus.pe_stages(1)
     bus.say(Activate(1, 1, Step.BREAK, 7))
-    bus.pe_says(PeState.BROKEN, 1)
+    bus.pe_sends(PeState.BROKEN, 1)
     bus.say(Lease(1, 1, Step.GO_ALL, 7))
-    bus.pe_says(PeState.ACTIVE, 1, hears=True)
+    bus.pe_sends(PeState.ACTIVE, 1, hears=True)
     bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE, 3))
-    bus.pe_takes_back(3)
+    bus.pe_withdraws(3)
     assert bus.stories == []
 
 
-def test_what_was_never_said_by_who_has_the_key_is_seen() -> None:
+def test_an_epoch_that_no_holder_of_the_key_has_prepared_is_found() -> None:
     bus = Bus()
     forged = command_frame(Prepare(1, 1, 7))
     bus.repeat((forged, Frame(management_id(126, Command.TAG), TAG.pack(Command.PREPARE, 0, 12345))))
     bus.pe_stages(1)
-    assert bus.stories == ["tail_pe has been asked for epoch 1, and by nobody who has the key"]
+    assert bus.stories == ["tail_pe has staged epoch 1, which no holder of the key has prepared"]
 
 
-def test_a_step_that_nobody_has_ordered_yet_is_seen_once() -> None:
+def test_a_step_that_was_not_commanded_yet_is_found_once() -> None:
     bus = Bus()
     bus.say(Activate(1, 1, Step.BREAK, 7))
-    bus.pe_says(PeState.BROKEN, 1)
+    bus.pe_sends(PeState.BROKEN, 1)
     for _ in range(2):
-        bus.pe_says(PeState.ACTIVE, 1)
-    assert bus.stories == ["tail_pe is ACTIVE in epoch 1, and was never told so by who has the key"]
+        bus.pe_sends(PeState.ACTIVE, 1)
+    assert bus.stories == ["tail_pe is ACTIVE in epoch 1, which no holder of the key has commanded"]
 
 
-def test_who_starts_anew_has_heard_nothing_of_what_was_said_before() -> None:
+def test_a_pe_that_starts_anew_has_heard_nothing_of_what_was_sent_before() -> None:
     bus = Bus()
     pair = bus.say(Lease(1, 1, Step.GO_ALL, 7))
     bus.now_ns += 30 * MS
-    bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
+    bus.pe_sends(PeState.UNCONFIGURED, 0, incarnation=2)
     for _ in range(20):
         bus.repeat(pair)
         bus.now_ns += 20 * MS
-        bus.pe_says(PeState.ACTIVE, 1, hears=True, incarnation=2)
+        bus.pe_sends(PeState.ACTIVE, 1, hears=True, incarnation=2)
     assert len(bus.stories) == 2
 
 
@@ -132,15 +132,15 @@ def test_a_manager_that_has_lost_its_term_counts_in_it_again(may_count_again: bo
     if may_count_again:
         bus.check.may_count_again()
     bus.signer = CommandSigner(KEY, 126, 1)
-    bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
+    bus.pe_sends(PeState.UNCONFIGURED, 0, incarnation=2)
     bus.say(Activate(1, 1, Step.GO_ALL, 7))
-    bus.pe_says(PeState.ACTIVE, 1, incarnation=2)
+    bus.pe_sends(PeState.ACTIVE, 1, incarnation=2)
     assert bus.stories == (
-        [] if may_count_again else ["tail_pe is ACTIVE in epoch 1, and was never told so by who has the key"]
+        [] if may_count_again else ["tail_pe is ACTIVE in epoch 1, which no holder of the key has commanded"]
     )
 
 
-def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_just_before() -> None:
+def test_a_pe_that_is_welcomed_before_its_first_page_0_may_have_heard_what_was_sent_just_before() -> None:
     bus = Bus()
     bus.say(Prepare(1, 1, 7))
     bus.now_ns += 500 * MS
@@ -148,16 +148,16 @@ def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_ju
     bus.say(Prepare(1, 2, 7))
     bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE, 3))
     bus.now_ns += 20 * MS
-    bus.pe_says(PeState.UNCONFIGURED, 0, hears=True, incarnation=2)
+    bus.pe_sends(PeState.UNCONFIGURED, 0, hears=True, incarnation=2)
     bus.pe_stages(2)
-    bus.pe_says(PeState.PARTIAL, 2, hears=True, incarnation=2)
-    bus.pe_takes_back(3)
+    bus.pe_sends(PeState.PARTIAL, 2, hears=True, incarnation=2)
+    bus.pe_withdraws(3)
     assert bus.stories == []
     bus.pe_stages(1)
     assert len(bus.stories) == 1
 
 
-def test_who_was_transmit_failed_when_it_started_may_have_heard_what_was_said_since_it_asked_for_its_welcome() -> None:
+def test_a_pe_whose_transmitter_failed_at_its_start_may_have_heard_what_was_sent_since_its_page_2() -> None:
     bus = Bus()
     bus.say(Prepare(1, 1, 7))
     bus.now_ns += 500 * MS
@@ -165,52 +165,52 @@ def test_who_was_transmit_failed_when_it_started_may_have_heard_what_was_said_si
         bus.show(Frame(state_id(NODE), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()), "tail_pe")
         bus.say(Prepare(1, 2, 7))
         bus.now_ns += 500 * MS
-    bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
+    bus.pe_sends(PeState.UNCONFIGURED, 0, incarnation=2)
     bus.pe_stages(2)
     assert bus.stories == []
     bus.pe_stages(1)
     assert len(bus.stories) == 1
 
 
-def test_a_dead_manager_that_is_replayed_is_found_out() -> None:
+def test_a_dead_manager_that_is_replayed_is_found() -> None:
     bus = Bus()
     said = []
     for _ in range(6):
         said.append(bus.say(Lease(1, 1, Step.GO_ALL, 7)))
         bus.now_ns += 20 * MS
-        bus.pe_says(PeState.ACTIVE, 1, hears=True)
+        bus.pe_sends(PeState.ACTIVE, 1, hears=True)
     for _ in range(300):
         bus.repeat(said[_ % 6])
         bus.now_ns += 20 * MS
-        bus.pe_says(PeState.ACTIVE, 1, hears=True)
-    assert bus.stories == ["tail_pe says that it hears a LEASE, and none came that was authentic and fresh"]
+        bus.pe_sends(PeState.ACTIVE, 1, hears=True)
+    assert bus.stories == ["tail_pe reports that it hears a LEASE, and none was authentic and fresh"]
 
 
 def test_a_late_lease_may_still_be_believed_once() -> None:
     bus = Bus()
     bus.say(Lease(1, 1, Step.GO_ALL, 7))
-    bus.pe_says(PeState.ACTIVE, 1, hears=True)
+    bus.pe_sends(PeState.ACTIVE, 1, hears=True)
     missed = bus.say(Lease(1, 1, Step.GO_ALL, 7))
     bus.now_ns += 500 * MS
-    bus.pe_says(PeState.ACTIVE, 1)
+    bus.pe_sends(PeState.ACTIVE, 1)
     bus.repeat(missed)
-    bus.pe_says(PeState.ACTIVE, 1, hears=True)
+    bus.pe_sends(PeState.ACTIVE, 1, hears=True)
     assert bus.stories == []
 
 
-def test_a_fault_is_not_taken_back_for_an_old_clear() -> None:
+def test_a_fault_is_not_withdrawn_for_an_old_clear() -> None:
     bus = Bus()
     bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE, 3))
     bus.now_ns += 900 * MS
-    bus.pe_takes_back(3)
-    bus.pe_takes_back(4)
+    bus.pe_withdraws(3)
+    bus.pe_withdraws(4)
     assert [story.split(",")[0] for story in bus.stories] == [
-        "tail_pe takes back what it said of module 3",
-        "tail_pe takes back what it said of module 4",
+        "tail_pe withdraws its report of module 3",
+        "tail_pe withdraws its report of module 4",
     ]
 
 
-def test_two_managers_are_believed_each_in_its_own_counting() -> None:
+def test_two_managers_are_believed_each_by_its_own_numbers() -> None:
     bus = Bus()
     bus.say(Lease(1, 1, Step.GO_ALL, 7))
     other = CommandSigner(KEY, 127, 2)
@@ -218,11 +218,11 @@ def test_two_managers_are_believed_each_in_its_own_counting() -> None:
     tag = other.tag(frame)
     assert tag is not None
     bus.repeat((frame, tag))
-    bus.pe_says(PeState.ACTIVE, 1, hears=True)
+    bus.pe_sends(PeState.ACTIVE, 1, hears=True)
     assert bus.stories == []
 
 
-def test_what_is_of_another_bus_or_a_stranger_or_makes_no_sense_says_nothing() -> None:
+def test_a_frame_of_another_bus_or_a_stranger_or_without_sense_shows_nothing() -> None:
     bus = Bus()
     page = StatePage0(PeState.ACTIVE, PeFlags.HEARS_LEASE, 1, 1, 0, 7)
     bus.show(Frame(state_id(NODE), page.encode()), f"{STRANGER}forger")
@@ -292,7 +292,7 @@ FIND, PLACE = CommandVerifier._find, CommandVerifier._place
 
 
 def led_by_a_stranger(*, forges: bool) -> list[str]:
-    """Rules that are broken when the manager has died, and a stranger says its LEASEs again, or with any tag."""
+    """Rules that are broken when the manager has died, and a stranger sends its LEASEs again, or with any tag."""
     simulation = Simulation(SPEC, 1, key=KEY, keep_trace=True)
     simulation.run_for(1500 * MS)
     ids = (management_id(126, Command.LEASE), management_id(126, Command.TAG))
@@ -318,7 +318,7 @@ def led_by_a_stranger(*, forges: bool) -> list[str]:
         ("radio", "ground", True),
     ],
 )
-def test_what_a_pe_beyond_a_gateway_has_said_it_has_said_there_itself(bus: str, sender: str, lies: bool) -> None:
+def test_a_pe_beyond_a_gateway_has_sent_only_what_it_sent_there_itself(bus: str, sender: str, lies: bool) -> None:
     spec = load_spec("big_blue")
     check, page = AuthenticityCheck(spec, KEY), StatePage1(PeState.ACTIVE, PeFlags(0), 9, 0, Reason.NONE, 0)
     check.seen(Sent(MS, bus, sender, Frame(state_id(spec.pes["ground"].node_id), page.encode())))
@@ -326,7 +326,7 @@ def test_what_a_pe_beyond_a_gateway_has_said_it_has_said_there_itself(bus: str, 
 
 
 @pytest.mark.parametrize("forges", [True, False])
-def test_a_pe_that_keeps_to_the_rules_is_well_whatever_a_stranger_says(forges: bool) -> None:
+def test_a_pe_that_keeps_to_the_rules_breaks_none_whatever_a_stranger_sends(forges: bool) -> None:
     assert led_by_a_stranger(forges=forges) == []
 
 
@@ -334,14 +334,14 @@ def test_a_pe_that_keeps_to_the_rules_is_well_whatever_a_stranger_says(forges: b
     ("part", "broken", "forges"),
     [("_find", believes_whatever_is_tagged, True), ("_place", forgets_the_last_number, False)],
 )
-def test_a_pe_that_believes_what_is_forged_or_replayed_is_seen(
+def test_a_pe_that_believes_what_is_forged_or_replayed_is_found(
     part: str, broken: object, forges: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(CommandVerifier, part, broken)
     assert "authentic" in led_by_a_stranger(forges=forges)
 
 
-def test_the_key_that_flies_is_not_that_of_anybody_else() -> None:
+def test_another_key_proves_nothing() -> None:
     proven = ProvenCommands(Key(bytes(range(32))))
     signer = CommandSigner(KEY, 126, 1)
     lease = command_frame(Lease(1, 0, Step.PREPARED, 0))

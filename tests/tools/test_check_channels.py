@@ -1,4 +1,4 @@
-"""The judge of replicated buses: shown nodes that take a sending twice or not at all, and false reports."""
+"""The oracle of replicated buses: shown nodes that take a sending twice or not at all, and false reports."""
 
 import pytest
 
@@ -17,21 +17,21 @@ AT_NS = 5_000 * MS
 
 
 def found(*copies: tuple[int, Frame, bool]) -> list[str]:
-    """What is said of copies, each with its channel and whether `front` took it."""
+    """Violations by copies, each with its channel and whether `front` took it."""
     check = ChannelCheck(twin_wires())
     for channel, frame, is_taken in copies:
         check.copied(Copy(AT_NS, "front", "can0", channel, frame, is_taken))
     return [violation.story for violation in check.violations]
 
 
-def test_a_sending_that_is_taken_once_is_right_whoever_brings_it_and_however_often() -> None:
+def test_a_sending_that_is_taken_once_is_right_whichever_channel_brings_it_and_however_often() -> None:
     again = Frame(*LEASE)
     assert found((0, LEASE, True), (1, LEASE, False), (1, again, True), (0, again, False)) == []
     assert found((0, LEASE, False), (1, LEASE, True)) == []
     assert found((0, LEASE, True), (0, LEASE, True), (1, LEASE, False)) == [], "a controller may bring it twice"
 
 
-def test_one_that_is_taken_twice_or_by_nobody_though_both_brought_it_is_wrong() -> None:
+def test_a_sending_that_is_taken_twice_or_not_at_all_though_both_channels_brought_it_is_wrong() -> None:
     assert found((0, LEASE, True), (1, LEASE, True)) == ["front took 0C8#6C65617365 2 times on can0"]
     (story,) = found((0, LEASE, False), (1, LEASE, False))
     assert story == "front did not take 0C8#6C65617365, which both channels brought on can0"
@@ -52,7 +52,7 @@ def signs(check: ChannelCheck, channels: tuple[int, ...], from_ms: int, to_ms: i
 
 
 @pytest.mark.parametrize(("silent_ms", "is_right"), [(0, False), (50, False), (70, True)])
-def test_who_reports_a_channel_must_have_lost_it(silent_ms: int, is_right: bool) -> None:
+def test_a_pe_that_reports_a_channel_must_have_lost_it(silent_ms: int, is_right: bool) -> None:
     check = ChannelCheck(twin_wires())
     signs(check, (0, 1), 0, 4000)
     report = Sent((3980 + silent_ms) * MS, "can0", "front", Frame(emcy_id(92), LOST.encode()))
@@ -70,7 +70,7 @@ def test_a_report_may_last_as_long_as_the_hold_down_and_a_repetition_and_no_long
     assert [violation.t_ns // MS for violation in check.violations] == [3300]
 
 
-def test_other_emergencies_are_not_its_affair() -> None:
+def test_other_emergencies_are_not_verified_by_it() -> None:
     check = ChannelCheck(twin_wires())
     sent = Sent(AT_NS, "can0", "front", Frame(emcy_id(92), LOST.encode()))
     for emergency in (
@@ -90,7 +90,7 @@ def test_in_a_flight_false_reports_and_doubled_sendings_are_found() -> None:
     assert [violation.rule for violation in simulation.broken()] == ["channels", "copies"]
 
 
-def test_whoever_watches_sees_each_sending_once_and_forgets() -> None:
+def test_a_tap_sees_each_sending_once_and_forgets_it() -> None:
     first, seen = FirstCopies(), list[Sent]()
     first.taps.append(seen.append)
     again = Frame(*LEASE)

@@ -1,4 +1,4 @@
-"""The journal on the simulated disk, and its judge: what is there is what the frames show, whatever happens to it."""
+"""The journal on the simulated disk, and its oracle: the journal holds what the frames show, whatever happens to it."""
 
 from random import Random
 
@@ -53,7 +53,7 @@ def memory(*records: Record) -> Memory:
 
 
 def assessed(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died: bool = False) -> list[str]:
-    """What is said of a manager that says this, with these records on its disk."""
+    """Violations of a manager that sends these messages, with these records on its disk."""
     data = whole_journal(big_blue(), memory(*records))
     check = JournalCheck(big_blue(), lambda _: data)
     for message in said:
@@ -64,7 +64,7 @@ def assessed(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died
     return [violation.story for violation in check.violations]
 
 
-def test_a_manager_that_says_what_it_has_written_is_well() -> None:
+def test_a_manager_that_sends_what_it_has_written_breaks_nothing() -> None:
     said = (
         Lease(3, 0, Step.PREPARED, 0),
         Prepare(3, 33, 7),
@@ -81,7 +81,7 @@ def test_a_manager_that_says_what_it_has_written_is_well() -> None:
     assert assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0), records=(TermBegun(3),)) == []
 
 
-def test_what_a_manager_has_adopted_it_may_prepare_for_who_is_late() -> None:
+def test_a_manager_may_prepare_what_it_has_adopted_for_a_pe_that_is_late() -> None:
     adopted = (TermBegun(3), Reserved(EPOCHS, 48), Runs(60, 7, "00"))
     said = Lease(3, 60, Step.GO_ALL, 7), Prepare(3, 60, 7)
     assert assessed(*said, records=adopted) == []
@@ -93,7 +93,7 @@ def test_a_frame_that_waited_while_another_epoch_was_activated_is_no_contradicti
     assert assessed(Lease(3, 32, Step.GO_ALL, 9)) == []
 
 
-def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it_is_said_again() -> None:
+def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it_is_sent_again() -> None:
     before, after = (whole_journal(big_blue(), memory(*WHOLE, PhaseEntered(PHASES[i]))) for i in (0, 1))
     disks = iter((before, after, after))
     check = JournalCheck(big_blue(), lambda _: next(disks))
@@ -119,7 +119,7 @@ def test_the_first_phase_may_wait_in_a_frame_for_a_while_though_nothing_records_
 
 
 def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_one_that_never_was_is_one() -> None:
-    """It is latched and cleared within an instant: the judge has not looked at the journal in between."""
+    """The fault is latched and cleared within an instant: the oracle has not read the journal in between."""
     element = f"module:{MODULES[2]}"
     holds = Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2)
     started = whole_journal(big_blue(), memory(*WHOLE))
@@ -130,11 +130,11 @@ def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_o
     check.commanded(0, "manager 126", holds)
     assert check.violations == []
     check.commanded(1, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 3))
-    assert "says HOLDS of module:" in check.violations[0].story
+    assert "sends HOLDS of module:" in check.violations[0].story
 
 
 def test_a_phase_that_another_command_has_shown_to_be_over_may_wait_in_a_frame() -> None:
-    """The judge has looked at the journal since; what was the phase a few records ago may still be told."""
+    """The oracle has read the journal since; what was the phase a few records ago may still be told."""
     started = whole_journal(big_blue(), memory(*WHOLE, PhaseEntered(PHASES[0])))
     number = len(memory(*WHOLE, PhaseEntered(PHASES[0])).records()) + 1
     after = started + written(number, as_json(PhaseEntered(PHASES[1])))
@@ -149,37 +149,37 @@ def test_a_phase_that_another_command_has_shown_to_be_over_may_wait_in_a_frame()
 @pytest.mark.parametrize(
     ("message", "lacks", "story"),
     [
-        (Lease(3, 0, Step.PREPARED, 0), TermBegun, "has spoken in term 3, and its journal has 0"),
+        (Lease(3, 0, Step.PREPARED, 0), TermBegun, "has used term 3, and its journal has 0"),
         (Prepare(3, 33, 7), Reserved, "has prepared epoch 33, and has reserved None"),
-        (Lease(3, 33, Step.BREAK, 7), Runs, "says that epoch 33 runs, and its journal says None"),
-        (Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2), Latched, "says HOLDS of module:"),
+        (Lease(3, 33, Step.BREAK, 7), Runs, "sends that epoch 33 runs, and its journal has None"),
+        (Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2), Latched, "sends HOLDS of module:"),
     ],
 )
-def test_what_is_said_and_not_written_is_seen(message: ManagementMessage, lacks: type, story: str) -> None:
+def test_what_is_sent_and_not_written_is_found(message: ManagementMessage, lacks: type, story: str) -> None:
     assert assessed(message) == []
     (found,) = assessed(message, records=tuple(record for record in WHOLE if not isinstance(record, lacks)))
     assert story in found
 
 
-def test_what_is_written_and_not_so_is_seen() -> None:
-    assert "its journal says Runs(epoch=33, digest=7" in assessed(Lease(3, 33, Step.GO_ALL, 8))[0]
+def test_what_is_written_and_not_so_is_found() -> None:
+    assert "its journal has Runs(epoch=33, digest=7" in assessed(Lease(3, 33, Step.GO_ALL, 8))[0]
     assert f"holds phase {PHASES[2]}" in assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
-    assert "says CLEAR of module:" in assessed(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
+    assert "sends CLEAR of module:" in assessed(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
 
 
-def test_numbers_that_are_gone_when_it_dies_are_seen_and_facts_may_go() -> None:
+def test_numbers_that_are_gone_when_a_manager_dies_are_found_and_facts_may_go() -> None:
     data = [whole_journal(big_blue(), memory(*WHOLE))]
     check = JournalCheck(big_blue(), lambda _: data[0])
     for message in (Lease(3, 33, Step.GO_ALL, 7), Prepare(3, 40, 9)):
         check.commanded(0, "manager 126", message)
     data[0] = whole_journal(big_blue(), memory(*WHOLE[:2]))
     check.manager_died(1, "manager 126")
-    check.manager_died(1, "manager 127")  # has never said anything
+    check.manager_died(1, "manager 127")  # has never sent anything
     assert check.violations == []
     data[0] = whole_journal(big_blue(), memory(TermBegun(1), Reserved(EPOCHS, 32)))
     check.manager_died(2, "manager 126")
     assert [violation.story.split(",")[0] for violation in check.violations] == [
-        "manager 126 has spoken in term 3",
+        "manager 126 has used term 3",
         "manager 126 has prepared epoch 40",
     ]
 
@@ -202,13 +202,13 @@ def test_a_twin_answers_for_its_copy_and_for_no_disk_that_it_had_before() -> Non
     disks["manager 126 again"] = fresh
     check.manager_copied("manager 126", "manager 126 again")
     check.commanded(3, "manager 126 again", Lease(3, 0, Step.PREPARED, 0))
-    check.commanded(3, "manager 126 again", Prepare(3, 40, 9))  # for who is late: it has adopted that epoch
+    check.commanded(3, "manager 126 again", Prepare(3, 40, 9))  # for a PE that is late: it has adopted that epoch
     check.manager_died(4, "manager 126 again")
     assert check.violations == []
     disks["manager 126 again"] = whole_journal(big_blue(), memory(TermBegun(1)))  # less than it was given
     check.manager_died(5, "manager 126 again")
     assert [violation.story for violation in check.violations] == [
-        "manager 126 again has spoken in term 3, and its journal has 1",
+        "manager 126 again has used term 3, and its journal has 1",
         "manager 126 again has prepared epoch 5, and has reserved None",
     ]
 
@@ -252,7 +252,7 @@ def test_what_was_synced_stays() -> None:
     assert disk.opened() == memory(*WHOLE)
 
 
-def test_a_disk_that_takes_nothing_says_so_and_gets_all_of_it_when_it_can() -> None:
+def test_a_disk_that_takes_nothing_reports_that_and_gets_the_whole_journal_when_it_can() -> None:
     disk = Disk(two_tails())
     disk.opened()
     disk.write(WHOLE[0], 0)
@@ -267,7 +267,7 @@ def test_a_disk_that_takes_nothing_says_so_and_gets_all_of_it_when_it_can() -> N
     assert recovered(disk.data)[0] == memory(*WHOLE[:4])
 
 
-def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_and_says_so() -> None:
+def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_and_reports_that() -> None:
     simulation = Simulation(two_tails(), 1)
     simulation.managers.disks[126].refuses = True
     simulation.run_for(2_000 * MS)
@@ -283,7 +283,7 @@ def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_
 
 
 @pytest.mark.parametrize("lost", [TermBegun, Reserved, Runs])
-def test_a_journal_that_loses_records_is_seen_in_flight(lost: type, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_journal_that_loses_records_is_found_in_flight(lost: type, monkeypatch: pytest.MonkeyPatch) -> None:
     keep = Disk.write
 
     def forgetful(disk: Disk, record: Record, now_ns: int) -> None:

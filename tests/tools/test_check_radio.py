@@ -1,4 +1,4 @@
-"""The judge of a radio sees what is old, and what is too much for it."""
+"""The oracle of a radio finds what is old, and what is too much for it."""
 
 from collections.abc import Iterator
 
@@ -53,7 +53,7 @@ def test_a_datum_that_crosses_at_once_is_fine_and_one_that_waited_is_not() -> No
     assert assessed(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
 
 
-def test_one_that_is_changed_past_the_crc_may_become_what_an_old_one_was() -> None:
+def test_a_datum_that_is_changed_past_the_crc_may_become_what_an_old_one_was() -> None:
     old, new = datum(20 * MS, "can0", 2, "nav"), datum(470 * MS, "can0", 3, "nav")
     passed_on = datum(480 * MS, "radio", 2, "comms")
     assert len(assessed(old, new, passed_on)) == 1
@@ -79,7 +79,7 @@ def test_a_fall_may_take_as_long_as_patience_lasts() -> None:
     assert assessed(*falls, *flood(1.0, 0, 12)) != []
 
 
-def test_a_radio_that_is_gone_or_of_which_nothing_is_said_is_not_judged() -> None:
+def test_a_radio_that_is_gone_or_of_which_nothing_is_reported_is_not_verified() -> None:
     assert assessed(*flood(3.0, 0, 5)) == []
     malformed = Sent(S, "can0", "comms", Frame(LINK_ID, b"")), Sent(S, "can0", "nav", Frame(LINK_ID + 1, bytes(8)))
     assert assessed(*malformed, *flood(3.0, 0, 5)) == []

@@ -1,4 +1,4 @@
-"""The judge of sessions: it finds what a page 1 says, however often somebody made the manager open another one."""
+"""Sessions of the simulator's oracles: the digest of a page 1 is found, however many sessions an attacker opens."""
 
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.oracles.proven_states import ProvenStates

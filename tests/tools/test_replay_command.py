@@ -18,7 +18,7 @@ from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.replay.comparison import compared
-from heronry_tools.sim.replay.recording import is_active, on_the_managers_bus, read_recording
+from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
 from heronry_tools.sim.replay.rerun import Planners, Rerun
 from heronry_tools.sim.world import planning
 from heronry_wire.authentication import KEY_BYTES
@@ -77,7 +77,7 @@ def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureF
     simulation.run_for(3 * MS)  # LEASE is out, and PREPARE comes later
     file = recorded(simulation, tmp_path / "start.log")
     main(["replay", str(file), SPEC])
-    assert capsys.readouterr().out.endswith("nothing was decided: this says nothing\n\n")
+    assert capsys.readouterr().out.endswith("nothing was decided: this shows nothing\n\n")
 
 
 def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -106,11 +106,11 @@ def test_a_second_mastership_is_replayed_by_itself(capsys: pytest.CaptureFixture
 def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
 ) -> None:
-    """Without the first computer's states and emergencies the replay never counts on it."""
+    """Without the first computer's states and emergencies it is never available in the replay."""
     node = elevator_and_chute().pes["control_pe"].node_id
     silent = [f" {identifier:03X}#" for identifier in (state_id(node), emcy_id(node))]
     lines = [line for line in log.read_text().splitlines() if not any(mark in line for mark in silent)]
-    file = tmp_path / "deaf.log"
+    file = tmp_path / "without.log"
     file.write_text("\n".join(lines) + "\n")
     code, document = replayed(capsys, file)
     assert code == 1
@@ -123,7 +123,7 @@ def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     ("contingencies", "told"),
     [
         (None, "is no configuration of demux_actuators: is it the right spec?"),
-        (1, "is no plan of demux_actuators that was made ahead: are spec and --contingencies the right ones?"),
+        (1, "is no contingency of demux_actuators: are spec and --contingencies the right ones?"),
     ],
 )
 def test_a_recording_of_another_spec_is_told_as_such(
@@ -161,7 +161,7 @@ def keyed_flight(*faults: str) -> Simulation:
 def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, key_file: Path
 ) -> None:
-    """While somebody without it forges commands, repeats true ones, and slanders; and one report is true."""
+    """While an attacker without it forges commands and reports, and repeats true commands; one report is true."""
     simulation = keyed_flight(
         "0 attack bus:can0 for 2", "0.3 raise module:servo_driver_1", "1 crash pe:tail_pe for 0.4"
     )
@@ -176,7 +176,7 @@ def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
     assert mastership["decisions"] > 4
 
 
-def test_the_is_active_of_a_keyed_manager_that_was_restarted_are_replayed(
+def test_the_masterships_of_a_keyed_manager_that_was_restarted_are_replayed(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, key_file: Path
 ) -> None:
     simulation = keyed_flight("0.1 manager_crash manager for 0.3", "1.2 crash pe:tail_pe")
@@ -198,16 +198,16 @@ def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
 class OnlyNothing(Planners):
     """A planner that knows one plan: that nothing runs."""
 
-    def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
+    def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
         nothing = Configuration()
-        worth = score(self.spec, asked.now, nothing, asked.running)
-        yield "nothing at all", make_plan(self.spec, asked.now, nothing, worth, optimal=False)
+        worth = score(self.spec, request.now, nothing, request.running)
+        yield "nothing at all", make_plan(self.spec, request.now, nothing, worth, optimal=False)
 
 
-def test_a_plan_that_nobody_here_would_make_is_told_and_flown_on_with(log: Path) -> None:
+def test_a_plan_that_the_replay_would_not_make_is_told_and_flown_on_with(log: Path) -> None:
     spec: Spec = elevator_and_chute()
     frames, _ = read_recording(log)
-    (mastership,) = is_active(spec, on_the_managers_bus(spec, frames, None))
+    (mastership,) = masterships(spec, on_the_managers_bus(spec, frames, None))
     rerun = Rerun(OnlyNothing(spec), mastership)
     rerun.run()
     comparison = compared(mastership, rerun)
@@ -269,8 +269,8 @@ def test_what_cannot_be_replayed_is_said_in_a_sentence(
     lease = f" {management_id(126, Command.LEASE):03X}#"
     lines = log.read_text().splitlines()
     late.write_text("\n".join(lines[len(lines) // 2 :]) + "\n")
-    assert "begins in the middle of a reign" in refused(capsys, str(late), SPEC)
+    assert "begins in the middle of a mastership" in refused(capsys, str(late), SPEC)
     quiet.write_text("\n".join(line for line in lines if lease not in line) + "\n")
-    assert "no manager speaks" in refused(capsys, str(quiet), SPEC)
+    assert "no manager is active" in refused(capsys, str(quiet), SPEC)
     assert "name the manager's bus with --channel" in refused(capsys, str(log), SPEC, "--channel", "can9")
     assert "No such file" in refused(capsys, str(tmp_path / "none.log"), SPEC)

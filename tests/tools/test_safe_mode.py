@@ -1,4 +1,4 @@
-"""`without_manager: safe_mode`: what is marked as expendable, and the judge of what rests."""
+"""`without_manager: safe_mode`: what is marked as expendable, and the oracle of what stops."""
 
 from dataclasses import replace
 from functools import cache
@@ -58,17 +58,17 @@ def alone_for_a_second(seed: int) -> list[str]:
     return [violation.story for violation in simulation.broken() if violation.rule == "policy"]
 
 
-def test_a_flight_that_lets_it_rest_is_well() -> None:
+def test_a_flight_in_which_expendable_modules_stop_breaks_nothing() -> None:
     assert alone_for_a_second(4) == []
 
 
-def test_a_flight_that_goes_on_with_everything_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flight_that_goes_on_with_everything_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Reconfiguration, "expendable_live", lambda _: frozenset[int]())
     stories = alone_for_a_second(4)
     assert {story.split(" without")[0].split(" of ")[-1].split(" drives")[0] for story in stories} == RECORDING
 
 
-def test_nothing_is_judged_where_the_configuration_is_not_known() -> None:
+def test_nothing_is_verified_where_the_configuration_is_not_known() -> None:
     check = SafeModeCheck(recorder(), Commanded(recorder()))
     check.leased(0)
     check.told(StateSaid(500 * MS, "can0", 0, "flight", StatePage0(PeState.ACTIVE, PeFlags(0), 1, 9, 0, 7)))

@@ -64,7 +64,7 @@ def test_what_does_not_hold_is_said_with_what_was_seen_and_when(
         ("pe:flight silent within 0s", False, "it was heard, last at"),
         ("pe:tail_b unconfigured throughout", False, "heard last was active"),
         ("pe:tail_b active within 0.3s", True, "it was so from 1."),
-        ("pe:tail_b reported within 0.5s", False, "nobody said so"),
+        ("pe:tail_b reported within 0.5s", False, "no PE reported it"),
         ("manager heard throughout", True, "it was so all the time"),
         ("manager silent within 0.1s", False, "it was heard, last at"),
         ("epoch new within 0.3s", True, "it was so from 1."),
@@ -72,7 +72,7 @@ def test_what_does_not_hold_is_said_with_what_was_seen_and_when(
         ("nothing reported", True, "nothing to the contrary"),
     ],
 )
-def test_each_expectation_is_judged_by_what_was_heard(
+def test_each_expectation_is_evaluated_by_what_was_heard(
     expectation: str, holds: bool, seen: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = written(tmp_path, f"at 1s kill pe:tail_a\nexpect {expectation}\nend 2s\n")
@@ -92,7 +92,7 @@ def test_each_expectation_is_judged_by_what_was_heard(
         ("at 1s kill manager\nat 1.5s restore manager\nexpect epoch new within 0.4s\n", "heard last was epoch 1"),
     ],
 )
-def test_a_manager_s_silence_is_judged(
+def test_a_manager_s_silence_is_evaluated(
     deeds: str, seen: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["scenario", str(written(tmp_path, f"{deeds}end 2s\n"))]) == 1
@@ -134,7 +134,7 @@ def test_a_core_that_dies_fails_its_file_and_the_next_one_is_flown(
 
 
 def resting(tmp_path: Path) -> Path:
-    """A spec whose elevator is not driven for three seconds, and nobody is told."""
+    """A spec whose elevator is not driven for three seconds, which nothing reports."""
     file = tmp_path / "resting.dg.yaml"
     rests = '{image: "scenarios.raising:RestsForThreeSeconds", device: elevator_servo_'
     file.write_text(DEMUX.read_text().replace("{device: elevator_servo_", rests))
@@ -162,11 +162,11 @@ def test_silence_without_need_fails_a_scenario_as_it_fails_a_drawn_flight(
         ("kill pe:tail_b", ["service"]),
         ("kill pe:flight", []),  # no plan serves it then
         ("stick device:elevator_servo_2", []),  # which the monitors have to notice
-        ("kill manager", ["silence"]),  # nobody can plan
+        ("kill manager", ["silence"]),  # no plan can be made
         ("kill manager\nat 0.3s restore manager", ["service", "silence"]),
     ],
 )
-def test_silence_is_judged_by_what_was_done(
+def test_silence_is_verified_by_what_was_done(
     deed: str, rules: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = written(tmp_path, f"at 0.2s {deed}\nend 5s\n", head=f"# Why.\nspec {resting(tmp_path)}\n")
@@ -223,7 +223,7 @@ def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys
     assert (told.out, told.err) == ("", f"heronry: {tmp_path} is a folder; name another file\n")
 
 
-def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_besides(
+def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_verified_besides(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     results, file = tmp_path / "results.xml", written(tmp_path, FAILS)
@@ -238,7 +238,7 @@ def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_beside
     assert [case.name for case in suite][-1] == "decided as before"
 
 
-def test_a_fault_that_does_not_strike_as_it_is_written_fails(
+def test_a_fault_that_is_not_injected_as_it_is_written_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     body = "at 1s pause pe:tail_a for 10ms in preparing\nexpect epoch unchanged\nend 6s\n"
@@ -320,11 +320,11 @@ def test_a_semicolon_separates_what_else_stands_on_lines_of_its_own(tmp_path: Pa
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
-        ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
+        ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "it does not say why it exists"),
+        ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "it does not say why it exists"),
         ("# Why.\nseed 1\n", "the first line names the spec"),
         ("# Why.\n", "it names no spec"),
-        ("", "some.scenario:1: nobody knows why it exists"),
+        ("", "some.scenario:1: it does not say why it exists"),
         ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),
     ],
 )
@@ -357,11 +357,11 @@ def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.
 @pytest.mark.parametrize(
     ("deeds", "sentence"),
     [
-        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "no manager reigns then that could hear it"),
+        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "no manager is active then that could accept it"),
         ("at 1s fail channel:can0.1\n", "no channel is named"),
     ],
 )
-def test_an_order_that_nobody_can_accept_is_refused(
+def test_an_order_that_no_manager_can_accept_is_refused(
     deeds: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["scenario", str(written(tmp_path, f"{deeds}expect epoch unchanged\nend 3s\n"))]) == 2
@@ -371,7 +371,7 @@ def test_an_order_that_nobody_can_accept_is_refused(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["-i", "softbus", "--rewrite"], "only the simulator decides the same each time"),
+        (["-i", "softbus", "--rewrite"], "only in the simulator are decisions the same each time"),
         (["-i", "softbus"], "4: 'mute pe:tail_a for 10ms' can be done in the simulator alone"),
     ],
 )

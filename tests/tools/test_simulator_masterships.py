@@ -20,9 +20,9 @@ def running(epoch: int, *, incarnation: int = 1, hears: bool = False, state: PeS
 def terms() -> TermCheck:
     """Manager 126 has prepared epoch 1 in term 1, and 127 epoch 17 in term 2."""
     check = TermCheck(SPEC)
-    check.judge_command(0, 126, Prepare(1, 1, 7), "manager 126")
-    check.judge_command(1, 126, SliceHead(NODE, 1, 0, 0), "manager 126")
-    check.judge_command(2, 127, Prepare(2, 17, 7), "manager 127")
+    check.follow_command(0, 126, Prepare(1, 1, 7), "manager 126")
+    check.follow_command(1, 126, SliceHead(NODE, 1, 0, 0), "manager 126")
+    check.follow_command(2, 127, Prepare(2, 17, 7), "manager 127")
     return check
 
 
@@ -30,16 +30,16 @@ def test_managers_that_keep_to_their_terms_are_well() -> None:
     check = terms()
     for epoch in (1, 17, 17):
         check.said(StateSaid(3, "can0", NODE, "", running(epoch)))
-    check.judge_command(4, 127, Lease(2, 17, Step.GO_ALL, 7), "manager 127")
-    check.judge_command(5, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
-    check.said(StateSaid(6, "can0", NODE, "", running(5)))  # prepared before the oracle watched
+    check.follow_command(4, 127, Lease(2, 17, Step.GO_ALL, 7), "manager 127")
+    check.follow_command(5, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
+    check.said(StateSaid(6, "can0", NODE, "", running(5)))  # prepared before anybody watched
     assert check.violations == []
 
 
 def test_an_epoch_that_a_later_mastership_adopts_is_of_that_one() -> None:
     for digest, is_seen in ((7, False), (8, True)):
         check = terms()
-        check.judge_command(3, 126, Lease(3, 1, Step.GO_ALL, digest), "manager 126")
+        check.follow_command(3, 126, Lease(3, 1, Step.GO_ALL, digest), "manager 126")
         check.said(StateSaid(4, "can0", NODE, "", running(17)))
         check.said(StateSaid(5, "can0", NODE, "", running(1)))
         assert bool(check.violations) is is_seen
@@ -47,7 +47,7 @@ def test_an_epoch_that_a_later_mastership_adopts_is_of_that_one() -> None:
 
 def test_a_manager_that_adopts_an_epoch_does_not_bind_a_pe_that_runs_it_and_has_not_heard_of_that() -> None:
     check = terms()
-    check.judge_command(3, 126, Lease(3, 1, Step.GO_ALL, 7), "manager 126")
+    check.follow_command(3, 126, Lease(3, 1, Step.GO_ALL, 7), "manager 126")
     check.said(StateSaid(4, "can0", NODE, "", running(1)))
     check.said(StateSaid(5, "can0", NODE, "", running(17)))
     assert check.violations == []
@@ -55,30 +55,30 @@ def test_a_manager_that_adopts_an_epoch_does_not_bind_a_pe_that_runs_it_and_has_
 
 def test_two_managers_in_one_term_are_seen() -> None:
     check = terms()
-    check.judge_command(9, 126, Ping(2, NODE, 0), "manager 126")
+    check.follow_command(9, 126, Ping(2, NODE, 0), "manager 126")
     assert [violation.rule for violation in check.violations] == ["reign"]
 
 
 def test_a_manager_that_goes_back_to_an_older_term_is_seen() -> None:
     check = terms()
-    check.judge_command(8, 126, Lease(5, 0, Step.PREPARED, 0), "manager 126")
-    check.judge_command(9, 126, Activate(3, 1, Step.GO_ALL, 7), "manager 126")
+    check.follow_command(8, 126, Lease(5, 0, Step.PREPARED, 0), "manager 126")
+    check.follow_command(9, 126, Activate(3, 1, Step.GO_ALL, 7), "manager 126")
     assert "went back from term 5 to 3" in check.violations[0].story
 
 
 def test_a_lease_that_goes_back_to_an_older_epoch_in_its_term_is_seen() -> None:
     check = terms()
     for epoch in (17, 18, 0, 18, 19):
-        check.judge_command(3, 127, Lease(2, epoch, Step.GO_ALL, 7), "manager 127")
-    check.judge_command(4, 127, Prepare(2, 17, 7), "manager 127")
-    check.judge_command(5, 127, Activate(2, 17, Step.GO_ALL, 7), "manager 127")
-    check.judge_command(6, 127, Lease(4, 1, Step.GO_ALL, 7), "manager 127")
+        check.follow_command(3, 127, Lease(2, epoch, Step.GO_ALL, 7), "manager 127")
+    check.follow_command(4, 127, Prepare(2, 17, 7), "manager 127")
+    check.follow_command(5, 127, Activate(2, 17, Step.GO_ALL, 7), "manager 127")
+    check.follow_command(6, 127, Lease(4, 1, Step.GO_ALL, 7), "manager 127")
     assert check.violations == []
-    check.judge_command(7, 127, Lease(4, 49, Step.GO_ALL, 7), "manager 127")
-    check.judge_command(8, 127, Lease(4, 48, Step.GO_ALL, 9), "manager 127")
+    check.follow_command(7, 127, Lease(4, 49, Step.GO_ALL, 7), "manager 127")
+    check.follow_command(8, 127, Lease(4, 48, Step.GO_ALL, 9), "manager 127")
     check.manager_died(8, "manager 127")
-    check.judge_command(9, 127, Lease(4, 33, Step.GO_ALL, 9), "manager 127")
-    check.judge_command(9, 127, Lease(4, 32, Step.GO_ALL, 9), "manager 127")
+    check.follow_command(9, 127, Lease(4, 33, Step.GO_ALL, 9), "manager 127")
+    check.follow_command(9, 127, Lease(4, 32, Step.GO_ALL, 9), "manager 127")
     assert [violation.story for violation in check.violations] == [
         "manager 127 goes back from epoch 49 to 48 in term 4",
         "manager 127 goes back from epoch 33 to 32 in term 4",
@@ -87,24 +87,24 @@ def test_a_lease_that_goes_back_to_an_older_epoch_in_its_term_is_seen() -> None:
 
 def test_a_number_that_two_terms_prepare_is_seen() -> None:
     check = terms()
-    check.judge_command(9, 127, Prepare(2, 1, 9), "manager 127")
+    check.follow_command(9, 127, Prepare(2, 1, 9), "manager 127")
     assert "epoch 1 is prepared in term 2" in check.violations[0].story
 
 
 def test_of_two_copies_of_a_journal_each_counts_for_itself_and_with_what_it_has_used() -> None:
     check = TermCheck(SPEC)
     check.manager_copied("manager 126", "manager 126 again")
-    check.judge_command(0, 126, Prepare(1, 1, 7), "manager 126 again")
-    check.judge_command(1, 126, Prepare(2, 1, 8), "manager 126")
+    check.follow_command(0, 126, Prepare(1, 1, 7), "manager 126 again")
+    check.follow_command(1, 126, Prepare(2, 1, 8), "manager 126")
     check.manager_copied("manager 126", "manager 126 again")
-    check.judge_command(2, 126, Prepare(2, 2, 7), "manager 126 again")
+    check.follow_command(2, 126, Prepare(2, 2, 7), "manager 126 again")
     check.manager_copied("manager 126", "manager 126 again")
-    check.judge_command(3, 126, Prepare(3, 2, 8), "manager 126 again")
+    check.follow_command(3, 126, Prepare(3, 2, 8), "manager 126 again")
     check.said(StateSaid(4, "can0", NODE, "", running(1)))
     check.said(StateSaid(4, "can0", NODE, "", running(2)))
     assert check.violations == []
-    check.judge_command(5, 126, Prepare(4, 2, 9), "manager 126 again")
-    check.judge_command(6, 127, Prepare(5, 1, 9), "manager 127")
+    check.follow_command(5, 126, Prepare(4, 2, 9), "manager 126 again")
+    check.follow_command(6, 127, Prepare(5, 1, 9), "manager 127")
     assert [violation.story for violation in check.violations] == [
         "epoch 2 is prepared in term 4, and was another one in term 3",
         "epoch 1 is prepared in term 5, and was another one in term 2",
@@ -168,8 +168,8 @@ def test_what_is_no_page_0_says_nothing() -> None:
 
 def test_two_that_were_given_one_number_each_have_terms_of_their_own() -> None:
     check = terms()
-    check.judge_command(5, 126, Lease(5, 17, Step.GO_ALL, 7), "manager 126 again")
-    check.judge_command(6, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
+    check.follow_command(5, 126, Lease(5, 17, Step.GO_ALL, 7), "manager 126 again")
+    check.follow_command(6, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
     assert check.violations == []
-    check.judge_command(7, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126 again")
+    check.follow_command(7, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126 again")
     assert [violation.story for violation in check.violations] == ["manager 126 went back from term 5 to 3"]

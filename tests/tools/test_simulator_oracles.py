@@ -470,7 +470,7 @@ def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
 def test_a_manager_that_says_yes_to_a_phase_and_stays_where_it_is_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(KnownSituation, "enter", lambda *_: ())
     stories = flown(big_blue(), "1 order_phase phase:glide", seconds=2)
-    assert ("phase", "ascent is told in term 1, and asked for was glide") in stories
+    assert ("phase", "ascent is told in term 1, and glide was requested") in stories
     assert ("phase", "the phase is glide, and ascent is told") in stories
 
 
@@ -586,8 +586,8 @@ def test_the_phase_told_is_the_one_requested_last_or_on_its_way() -> None:
     assert tells(check, 0, "ascent") == []
     check.ordered(S, "glide", 1)
     assert tells(check, S + 90 * MS, "ascent") == []
-    assert tells(check, S + 110 * MS, "ascent") == ["ascent is told in term 1, and asked for was glide"]
-    assert tells(check, 2 * S, "landing") == ["landing is told in term 1, and asked for was glide"]
+    assert tells(check, S + 110 * MS, "ascent") == ["ascent is told in term 1, and glide was requested"]
+    assert tells(check, 2 * S, "landing") == ["landing is told in term 1, and glide was requested"]
     assert begun == ["glide"]
 
 
@@ -638,7 +638,7 @@ def test_a_phase_may_be_told_before_the_request_for_it_is_acknowledged() -> None
     check.ordered(S, "glide", 1)
     index = list(big_blue().phases).index
     check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index("ascent"), FORWARD_ONLY | 1))
-    assert tells(check, 2 * S, "ascent") == ["ascent is told in term 1, and asked for was glide"]
+    assert tells(check, 2 * S, "ascent") == ["ascent is told in term 1, and glide was requested"]
     check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index("landing"), 2))
     assert tells(check, 3 * S, "landing") == []
     assert begun == ["glide", "landing"]
@@ -694,7 +694,7 @@ def test_an_answer_from_before_an_order_was_on_its_way() -> None:
     assert check.current == "glide"
     assert tells(check, S + 110 * MS, "ascent") == []
     assert tells(check, 2 * S, "ascent") == []
-    assert tells(check, 3 * S, "glide") == ["glide is told in term 1, and asked for was ascent"]
+    assert tells(check, 3 * S, "glide") == ["glide is told in term 1, and ascent was requested"]
 
 
 def test_what_a_deposed_manager_promises_does_not_bind_the_active_manager() -> None:
@@ -703,7 +703,7 @@ def test_what_a_deposed_manager_promises_does_not_bind_the_active_manager() -> N
     check.ordered(S, "glide", 4)
     assert tells(check, 2 * S, "ascent", term=5) == []
     check.ordered(3 * S, "glide", 5)
-    assert tells(check, 4 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was glide"]
+    assert tells(check, 4 * S, "ascent", term=5) == ["ascent is told in term 5, and glide was requested"]
     assert begun == ["glide", "ascent", "glide"]
 
 
@@ -713,7 +713,7 @@ def test_what_a_lower_term_tells_where_the_higher_one_is_silent_counts_for_nothi
     check.ordered(S, "landing", 5)
     assert tells(check, 2 * S, "ascent", term=4) == []
     assert (check.current, begun) == ("landing", ["landing"])
-    assert tells(check, 3 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was landing"]
+    assert tells(check, 3 * S, "ascent", term=5) == ["ascent is told in term 5, and landing was requested"]
 
 
 def turns(*handovers: tuple[int, int], leased: bool = True, spoken: bool = True) -> list[str]:

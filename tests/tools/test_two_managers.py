@@ -165,26 +165,26 @@ def test_one_half_may_hear_the_other_that_does_not_hear_it() -> None:
 def voices(*said: tuple[int, str]) -> list[str]:
     check = TermCheck(two_tails())
     for t_ms, station in said:
-        check.judge_alive(t_ms * MS, station, 3)
+        check.follow_alive(t_ms * MS, station, 3)
     return [violation.story for violation in check.violations]
 
 
 def test_two_of_one_number_that_go_on_in_one_term_are_seen() -> None:
     both = [(t_ms, station) for t_ms in range(0, 400, 20) for station in ("manager 126", "manager 126 again")]
-    assert voices(*both) == ["manager 126 and manager 126 again both speak for term 3"]
+    assert voices(*both) == ["manager 126 and manager 126 again both use term 3"]
 
 
 def test_with_a_key_two_that_say_the_same_at_once_are_one() -> None:
     check = TermCheck(two_tails(), has_key=True)
     for t_ms in range(0, 2000, 20):
         for station in ("manager 126", "manager 126 again"):
-            check.judge_command(t_ms * MS, 126, Lease(3, 0, Step.PREPARED, 0), station)
-            check.judge_alive(t_ms * MS, station, 3)
+            check.follow_command(t_ms * MS, 126, Lease(3, 0, Step.PREPARED, 0), station)
+            check.follow_alive(t_ms * MS, station, 3)
             if station == "manager 126" or t_ms >= 1000:
                 check.tagged(t_ms * MS, station)
         assert check.violations == [] or t_ms > 1200
     stories = {violation.story for violation in check.violations}
-    assert stories == {"manager 126 and manager 126 again both speak for term 3"}
+    assert stories == {"manager 126 and manager 126 again both use term 3"}
 
 
 def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:
@@ -205,7 +205,7 @@ def test_two_managers_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is
         if t_ms in (0, 400):
             check.bus_split(t_ms * MS, "can0", t_ms == 0)
         for station in ("manager 126", "manager 126 again"):
-            check.judge_alive(t_ms * MS, station, 3)
+            check.follow_alive(t_ms * MS, station, 3)
         assert check.violations == [] or t_ms > 600
     assert len(check.violations) == 1
 
@@ -215,8 +215,8 @@ def test_a_term_that_no_frame_names_any_more_deposes_no_manager() -> None:
     head = SliceHead(94, 3, 0, 0)
 
     def is_active(t_ns: int, manager: int, term: int) -> bool:
-        named = check.judge_command(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
-        assert check.judge_command(t_ns, manager, head, f"manager {manager}") == named
+        named = check.follow_command(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+        assert check.follow_command(t_ns, manager, head, f"manager {manager}") == named
         return named
 
     assert is_active(1, 127, 6)
@@ -230,16 +230,16 @@ def test_with_a_key_a_term_deposes_no_manager_before_every_node_can_authenticate
     check, head = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
 
     def is_active(t_ms: int, manager: int, term: int) -> bool:
-        return check.judge_command(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+        return check.follow_command(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
 
     check.tagged(0, "manager 126")  # of something that was not heard
     assert is_active(1, 126, 1)
     check.tagged(1 * MS, "manager 126")
-    assert not check.judge_alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
+    assert not check.follow_alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
     check.tagged(21 * MS, "manager 126")
-    assert check.judge_alive(22 * MS, "manager 126", 1)
+    assert check.follow_alive(22 * MS, "manager 126", 1)
     assert is_active(30, 127, 2)
-    assert check.judge_command(30 * MS, 127, head, "manager 127")
+    assert check.follow_command(30 * MS, 127, head, "manager 127")
     assert is_active(40, 126, 1)
     check.tagged(41 * MS, "manager 126")
     check.tagged(42 * MS, "manager 127")

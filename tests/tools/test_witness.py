@@ -1,4 +1,4 @@
-"""The witness believes frames alone: what is heard, what has fallen silent, and who drives what at the same time."""
+"""The witness believes frames alone: what is heard, what has fallen silent, and which modules drive at one time."""
 
 from pathlib import Path
 
@@ -105,7 +105,7 @@ def test_two_branches_in_turn_are_rivals(witness: Witness) -> None:
     assert (other.module, other.t_ns) == ("servo_driver_1", 525 * MS)
 
 
-def test_who_comes_back_after_a_pause_is_no_rival(witness: Witness) -> None:
+def test_a_branch_that_comes_back_after_a_pause_is_no_rival(witness: Witness) -> None:
     witness.see(0, echo(ELEVATOR, "elevator_servo_1"))
     fly(witness, "elevator_servo_2", 25, 150)
     witness.see(PATIENCE + 1, echo(ELEVATOR, "elevator_servo_1"))

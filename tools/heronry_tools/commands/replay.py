@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 Each PREPARE and each step of ACTIVATE that the manager sent is a decision. The replay is given what the manager heard,
-when it heard it, and shows beside each decision what led to it, and whether it came out as recorded. A log of several
-buses (as 'heronry demo --record' writes it) is told apart by the names of its channels.
+when it heard it, and shows beside each decision what led to it, and whether it came out as recorded. The buses of a log
+(as 'heronry demo --record' writes it) are known by the names of its channels.
 
-Not on the bus, and so not replayed: the operator's words, and what this spec did not say then. A recording must begin
-before the manager does.
+Not on the bus, and so not replayed: the operator's orders, and changes of the spec since. A recording must begin before
+the manager does.
 
 Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
 
@@ -58,26 +58,26 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay every reign of the recording; returns the exit code."""
+    """Replay every mastership of the recording; returns the exit code."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.another_spec import of_another_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415
-    from heronry_tools.sim.replay.recording import is_active, on_the_managers_bus, read_recording  # noqa: PLC0415
+    from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording  # noqa: PLC0415
     from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
     from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     frames, no_frames = read_recording(arguments.recording)
     on_the_bus = _as_proven(spec, on_the_managers_bus(spec, frames, arguments.channel), arguments)
-    found = is_active(spec, on_the_bus)
+    found = masterships(spec, on_the_bus)
     if not found:
         proof = "" if arguments.key is None else f" that {arguments.key} proves"
-        raise UserError(f"no manager speaks in {arguments.recording}: there is no LEASE to begin from{proof}")
+        raise UserError(f"no manager is active in {arguments.recording}: there is no LEASE to begin from{proof}")
     if found[0].epoch:
         raise UserError(
-            f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
-            "record from before the manager starts"
+            f"{arguments.recording} begins in the middle of a mastership, at epoch {found[0].epoch} of term "
+            f"{found[0].term}: record from before the manager starts"
         )
     is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(
         mastership.calls_by_number() for mastership in found
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
-    """What was flown with a key, as the key proves it; raises UserError where there is one too many or too few."""
+    """Frames of a flight with a key, as the key proves them; raises UserError where --key is missing or too much."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.sim.replay.proven import is_tagged, proven  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
@@ -139,7 +139,7 @@ def _remark(one: "Remark") -> str:
 def _verdict(comparison: "Comparison") -> str:
     decisions, differences = comparison.decisions(), comparison.differences()
     if not decisions and not differences:
-        return "nothing was decided: this says nothing"
+        return "nothing was decided: this shows nothing"
     return f"{decisions} decisions, {'all as recorded' if not differences else f'{differences} differences'}"
 
 

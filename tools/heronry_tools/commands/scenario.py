@@ -1,7 +1,7 @@
-"""`heronry scenario`: fly scenario files and say whether what they expect is what is heard.
+"""`heronry scenario`: fly scenario files, and tell whether what they expect is what is heard.
 
-Exit codes: 0 everything holds; 1 something does not, said with its time, what was expected and what was seen; 2 a file
-cannot be read, or what it does cannot be done there.
+Exit codes: 0 every expectation holds; 1 one does not, and is printed with its time, what was expected and what was
+seen; 2 a file cannot be read, or what it does cannot be done there.
 """
 
 import argparse
@@ -27,12 +27,12 @@ A scenario file:
   spec elevator_and_chute                            shipped, or a file, from this one's folder
   seed 7
   at 2.0s kill pe:control_pe                         also restore, phase, fail, clear, and every fault of the simulator
-  expect function:elevator served within 200ms       judged from frames: what is heard on the bus
+  expect function:elevator served within 200ms       evaluated from frames: what is heard on the bus
   at 4.0s restore pe:control_pe
   expect pe:control_pe active within 2s
   end 8s
 
-In the simulator the decisions of the manager are held against FILE.golden, where there is one.
+In the simulator the decisions of the manager are compared with FILE.golden, where there is one.
 
 examples:
   heronry scenario tests/scenarios/*.scenario           in the simulator
@@ -50,8 +50,8 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "scenario",
-        help="fly scenario files, in the simulator or for real, and judge what is heard",
-        description="Fly scenario files, in the simulator or with real processes, and judge what is heard on the bus.",
+        help="fly scenario files, in the simulator or for real, and evaluate what is heard",
+        description="Fly scenario files, in the simulator or with real processes, and evaluate what the bus carries.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
     if arguments.rewrite and _is_live(arguments):
-        raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
+        raise UserError("--rewrite: only in the simulator are decisions the same each time; leave -i and -c out")
     if arguments.patience is not None and not _is_live(arguments):
         raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
     if arguments.junit is not None:
@@ -127,7 +127,7 @@ def _is_live(arguments: argparse.Namespace) -> bool:
 
 
 def _patience(text: str) -> float:
-    """How many times as long; raises ArgumentTypeError."""
+    """Factor by which times are longer, 1 to 100; raises ArgumentTypeError."""
     try:
         times = float(text)
     except ValueError:

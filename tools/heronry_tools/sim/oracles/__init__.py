@@ -1,1 +1,1 @@
-"""The oracles: what must hold in every flight, judged from frames and from the truth; no core is asked."""
+"""The oracles: what must hold in every flight, verified from frames and from the truth; no core is asked."""

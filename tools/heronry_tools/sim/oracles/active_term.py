@@ -1,11 +1,11 @@
-"""Which term reigns, as far as anybody can know who hears the managers speak: the highest that is named.
+"""Which term is the active one, as far as a node can know that hears the managers: the highest that is named.
 
-It does until nobody has named it for T_lease: it may have begun where no PE could hear it, and ended there. Then
-whoever speaks next reigns.
+It is active until no manager has named it for T_lease: it may have begun where no PE could hear it, and ended there.
+Then the term of the manager that sends next is active.
 
-With a key nobody believes a command before its TAG, and a PE that does not know this manager asks it first, and is
+With a key a PE believes no command before its TAG, and a PE that does not know this manager asks it first, and is
 answered. A term is *claimed* until its manager has sent a second TAG, half a period or more after the first: so long
-both it and the term before may be obeyed, and if no TAG comes the one before goes on.
+PEs may accept both it and the term before, and if no TAG comes the one before goes on.
 """
 
 from heronry_dg.model import Spec
@@ -24,7 +24,7 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """A manager has named its term; tells whether that one reigns, or may."""
+        """Follow that a manager has named its term; tells whether that is the active one, or may be."""
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:
@@ -35,7 +35,7 @@ class ActiveTerm:
         return True
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """A manager has sent a TAG."""
+        """Follow that a manager has sent a TAG."""
         if station not in self._claims:
             return
         term, first_ns = self._claims[station]
@@ -45,5 +45,5 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether some may not be able to believe yet that this term has begun."""
+        """Tell whether some PEs may not be able to believe yet that this term has begun."""
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

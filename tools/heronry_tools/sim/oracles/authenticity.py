@@ -1,25 +1,26 @@
-"""Every command that a PE accepts was authentic and fresh: what PEs say that they did, against what was proven.
+"""Every command that a PE accepts was authentic and fresh: what PEs report that they did, against what was proven.
 
-Judged in flights with a key, from frames alone: commands on the managers' bus, where `proven_commands` works every tag
-out again, and what a PE itself says on the bus on which it reports. Beyond a gateway anybody may speak in its name, and
-what is handed on is nobody's word. A PE shows what it has accepted:
+Verified in flights with a key, from frames alone: commands on the managers' bus, where `proven_commands` works every
+tag out again, and what a PE itself sends on its uplink. Beyond a gateway any node may send in its name, and what a
+gateway hands on proves nothing. A PE shows what it has accepted:
 
     it hears a LEASE          page 0, HEARS_LEASE        a LEASE, and it was accepted not long ago
-    it has been asked         page 1, staged epoch       a PREPARE of that epoch
+    it has staged an epoch    page 1, staged epoch       a PREPARE of that epoch
     it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
-    it takes a fault back     EMCY RESET                 a CLEAR of that element, and not long ago
+    it withdraws a fault      EMCY RESET                 a CLEAR of that element, and not long ago
 
-Behind each there must be a proven pair that the PE could accept when it was said. *Fresh* is what lies beyond the last
-command that it certainly had accepted before. That place is known from below: the earliest one that explains what the
-PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
-soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since. It
-says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that. Where
-page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before. Where a manager may
-use the numbers of a term again (`may_count_again`), what has a lower one than was ever said may be new to such a PE.
+Behind each there must be a proven pair that the PE could accept when it was sent. *Fresh* is what lies beyond the last
+command that the PE certainly had accepted before. That place is known from below: the earliest one that explains what
+the PE has reported so far. A LEASE that was sent once explains one acceptance, so a manager that is replayed is found
+out as soon as there are more acceptances than there were LEASEs. A PE that has started anew has only heard what was
+sent since. It shows that in its first page 0, a heartbeat period later at most; it may have been welcomed and sent a
+PREPARE before that. Where page 0 was stuck in its controller, the page 2 with which it asked for that welcome went
+before. Where a manager may use the numbers of a term again (`may_count_again`), a command with a lower number than was
+ever sent may be new to such a PE.
 
-"Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long what it says may
-be on its way: in its own queue, and in that of a gateway. A PE that hears LEASEs which nothing explains must go on
-saying so for as long.
+"Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long its report may
+be on its way: in its own queue, and in that of a gateway. A PE that reports LEASEs which nothing explains must go on
+reporting them for as long.
 """
 
 from dataclasses import dataclass, field
@@ -64,14 +65,14 @@ class _Pe:
     least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
     leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
     clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
-    asked: dict[int, int] = field(default_factory=dict)  # by epoch: when last
+    prepares: dict[int, int] = field(default_factory=dict)  # by epoch: when last
     steps: dict[int, tuple[Step, int]] = field(default_factory=dict)  # by epoch: the furthest, and when that was last
-    unexplained_ns: int | None = None  # since when it says that it hears a LEASE, and none explains it
-    told: set[tuple[object, ...]] = field(default_factory=set)  # what was found of it already
+    unexplained_ns: int | None = None  # since when it reports that it hears a LEASE, and none explains it
+    told: set[tuple[object, ...]] = field(default_factory=set)  # violations that were found already
 
 
 class AuthenticityCheck(Oracle):
-    """Follows what is commanded, and what PEs say that they did."""
+    """Follows what is commanded, and what PEs report that they did."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
         super().__init__()
@@ -90,11 +91,11 @@ class AuthenticityCheck(Oracle):
         self._may_count_again = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """Two managers count their commands by themselves from now on."""
+        """Two managers number their commands by themselves from now on."""
         self._may_count_again = True
 
     def seen(self, sent: Sent) -> None:
-        """Take a frame of any bus, whoever has sent it."""
+        """Take a frame of any bus and any sender."""
         for pes, assess in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)
             if pe is not None:
@@ -107,7 +108,7 @@ class AuthenticityCheck(Oracle):
                 if proven.place > pe.least.get(proven.manager, Place(0, -1)):
                     _could_accept(pe, sent.end_ns, proven)
 
-    # What PEs say
+    # What PEs report
 
     def _state(self, pe: _Pe, sent: Sent) -> None:
         data = sent.frame.data
@@ -136,7 +137,7 @@ class AuthenticityCheck(Oracle):
         since_ns = (t_ns if pe.asks_ns is None else pe.asks_ns) - pe.lease_ns // LEASE_PERIODS * 5 // 4
         pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
         pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}
-        pe.asked = {epoch: at_ns for epoch, at_ns in pe.asked.items() if at_ns >= since_ns}
+        pe.prepares = {epoch: at_ns for epoch, at_ns in pe.prepares.items() if at_ns >= since_ns}
         pe.steps = {epoch: step for epoch, step in pe.steps.items() if step[1] >= since_ns}
         pe.told.clear()
 
@@ -150,17 +151,17 @@ class AuthenticityCheck(Oracle):
         elif pe.unexplained_ns is None:
             pe.unexplained_ns = t_ns
         elif t_ns - pe.unexplained_ns > _ON_ITS_WAY_LEASES * pe.lease_ns:
-            self._tell(pe, t_ns, ("hears",), "says that it hears a LEASE, and none came that was authentic and fresh")
+            self._tell(pe, t_ns, ("hears",), "reports that it hears a LEASE, and none was authentic and fresh")
 
     def _runs(self, pe: _Pe, t_ns: int, page: StatePage0) -> None:
         least = _LEAST_STEP[page.state]
         if pe.steps.get(page.epoch, (Step.PREPARED, 0))[0] < least:
-            story = f"is {page.state.name} in epoch {page.epoch}, and was never told so by who has the key"
+            story = f"is {page.state.name} in epoch {page.epoch}, which no holder of the key has commanded"
             self._tell(pe, t_ns, (page.epoch, page.state), story)
 
     def _staged(self, pe: _Pe, t_ns: int, page: StatePage1) -> None:
-        if page.staged_epoch not in pe.asked:
-            story = f"has been asked for epoch {page.staged_epoch}, and by nobody who has the key"
+        if page.staged_epoch not in pe.prepares:
+            story = f"has staged epoch {page.staged_epoch}, which no holder of the key has prepared"
             self._tell(pe, t_ns, (page.staged_epoch,), story)
 
     def _emergency(self, pe: _Pe, sent: Sent) -> None:
@@ -169,9 +170,8 @@ class AuthenticityCheck(Oracle):
             return
         cleared_ns = pe.clears.get((said.kind, said.index))
         if cleared_ns is None or sent.end_ns - cleared_ns > (1 + _ON_ITS_WAY_LEASES) * pe.lease_ns:
-            story = (
-                f"takes back what it said of {said.kind.name.lower()} {said.index}, and nobody with the key cleared it"
-            )
+            element = f"{said.kind.name.lower()} {said.index}"
+            story = f"withdraws its report of {element}, which no holder of the key has cleared"
             self._tell(pe, sent.end_ns, (said.kind, said.index), story)
 
     def _tell(self, pe: _Pe, t_ns: int, about: tuple[object, ...], story: str) -> None:
@@ -181,7 +181,7 @@ class AuthenticityCheck(Oracle):
 
 
 def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
-    """A command was said that this PE could believe: keep what it would do upon it."""
+    """Keep what a PE would do upon a command that was sent and that it could accept."""
     message = proven.message
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns
@@ -189,6 +189,6 @@ def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
         if message.step >= pe.steps.get(message.epoch, (message.step, 0))[0]:
             pe.steps[message.epoch] = message.step, t_ns
     elif isinstance(message, Prepare):
-        pe.asked[message.epoch] = t_ns
+        pe.prepares[message.epoch] = t_ns
     elif isinstance(message, Control) and message.operation is Operation.CLEAR:
         pe.clears[message.a, message.b] = t_ns

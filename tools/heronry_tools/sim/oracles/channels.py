@@ -1,4 +1,4 @@
-"""A replicated bus is one bus: every sending is taken once, and who says that a channel is lost has lost it.
+"""A replicated bus is one bus: every sending is taken once, and a PE that reports a channel lost has lost it.
 
 Copies of one sending are known here by the object that was sent (`replicated_port`), not by what is in it:
 

@@ -1,6 +1,6 @@
-"""All that watches a run: the judges (`registry`), what they are told, and what they have found.
+"""All that watches a run: the oracles (`registry`), what they are told, and what they have found.
 
-Frames come in by `see`; what modules do, and what is done to the aircraft, is told by whoever does it.
+Frames come in by `see`; what modules do, and what is done to the aircraft, is told by the caller that does it.
 """
 
 from collections.abc import Collection, Sequence
@@ -25,7 +25,7 @@ from heronry_wire.pe_table import PeTable
 
 
 class Checks:
-    """The judges of one run."""
+    """The oracles of one run."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class Checks:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """A module was stepped that does not drive, and somebody has looked at what it was given."""
+        """A module was stepped that does not drive, and the simulator recorded its inputs."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
@@ -119,7 +119,7 @@ class Checks:
             oracle.may_forget_phase()
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator has ordered a phase, and the manager has obeyed in a term."""
+        """The operator has ordered a phase, and the manager has accepted that in a term."""
         for oracle in self._oracles:
             oracle.ordered(t_ns, phase, term)
 
@@ -134,7 +134,7 @@ class Checks:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)
 
     def wrong(self, t_ns: int, story: str) -> None:
-        """Who inspects a PE has found something that is not by the book."""
+        """A diagnostic client has found something in a PE that is not by the book."""
         self._inspections.append(Violation(t_ns, "inspection", story))
 
     # What is known
@@ -151,7 +151,7 @@ class Checks:
 
     @property
     def phase(self) -> str | None:
-        """Mission phase that was asked for last, by whoever may; it begins with the first one."""
+        """Mission phase that was requested last, by the operator or a PE; the first one to begin with."""
         return self._known.phases.current
 
     @property

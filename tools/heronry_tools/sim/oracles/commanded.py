@@ -1,13 +1,13 @@
 """What the managers have commanded, read back from the frames: configurations by epoch.
 
-PREPARE opens an epoch, SLICE heads say who takes part and how long each slice is, bodies bring the bytes, or the digest
-of a head names bytes that were sent before, or are on board. A contingency's number stands for what the tables have on
-board under it, for whoever gets no head. While a new epoch is prepared, who is late for the last one is still given
-that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
-become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
-come later.
-What a manager prepares that does not reign is kept apart: nobody need follow it, and whoever reigns later may adopt it,
-by naming in his own term what was prepared in a lower one.
+PREPARE opens an epoch, SLICE heads say which PEs take part and how long each slice is, bodies bring the bytes, or the
+digest of a head names bytes that were sent before, or are on board. A contingency's number stands for what the tables
+have on board under it, for PEs that get no head. While a new epoch is prepared, a PE that is late for the last one is
+still given that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the
+slices become a configuration again, as soon as they are all there: the manager does not wait for a PE beyond a radio,
+and its slice may come later.
+What a manager that is not active prepares is kept apart: no PE need follow it, and a later active manager may adopt it,
+by naming in its own term what was prepared in a lower one.
 Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
@@ -63,11 +63,11 @@ class Epoch:
     prepared_ns: int
     term: int  # that prepared it first
     contingency: int = 0
-    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who gets a slice
+    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node that gets a slice
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
-    staged: set[int] = field(default_factory=set)  # nodes that have said so
+    staged: set[int] = field(default_factory=set)  # nodes that have reported it
     activated_ns: int | None = None  # when that was commanded first
-    is_adopted: bool = False  # by a higher term, before any other one that reigned had activated it
+    is_adopted: bool = False  # by a higher term, before any other active one had activated it
     configuration: Configuration | None = None
     flaw: str | None = None  # why there is none, and will not be
 
@@ -99,7 +99,7 @@ class Commanded:
             for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
         self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
-        self._apart: dict[int, Epoch] = {}  # the same, by those who do not reign
+        self._apart: dict[int, Epoch] = {}  # the same, by managers that are not active
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
@@ -136,13 +136,13 @@ class Commanded:
         return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:
-        """A PE says what it has staged."""
+        """Follow a page 1, which says what its PE has staged."""
         for epoch in self._named(page.staged_epoch):
             if (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Epochs that may be meant, first of whoever reigns; one that ran is known by its whole number."""
+        """Epochs that may be meant, first that of the active manager; one that ran is known by its whole number."""
         known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
         return [epoch for epoch in known if epoch is not None]
 

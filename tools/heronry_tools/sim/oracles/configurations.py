@@ -1,12 +1,12 @@
-"""Every configuration that is activated is legal, and staged by whom it needs.
+"""Every configuration that is activated is legal, and staged by the PEs that it needs.
 
-Judged from the frames: `Commanded` puts each configuration together again, and at its first ACTIVATE
+Verified from the frames: `Commanded` puts each configuration together again, and at its first ACTIVATE
 
 - `heronry_dg.verify` must find nothing in it, in a situation in which nothing is down: gates, wires, budgets, bus
   loads, deadlines and placement rules hold whatever has failed. (What purpose a module serves depends on the phase, and
-  is not judged where there are several.)
-- no module is on a PE that takes no part, and every PE reached by wire that has something to do has said that it staged
-  just this: nothing runs on what is dead or unconfigured.
+  is not verified where there are several.)
+- no module is on a PE that takes no part, and every PE reached by wire that has something to do has reported that it
+  staged just this: nothing runs on what is dead or unconfigured.
 """
 
 from heronry_dg.configuration import Configuration
@@ -23,7 +23,7 @@ _VERIFIED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
 class ConfigurationCheck(Oracle):
-    """Judges what is activated."""
+    """Verifies what is activated."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()

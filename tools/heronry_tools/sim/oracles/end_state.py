@@ -1,16 +1,16 @@
-"""What must hold once nothing more is done to the aircraft: judged by the truth, the planner, and what is heard.
+"""What must hold once nothing more is done to the aircraft: verified by the truth, the planner, and what is heard.
 
-- Every healthy PE says that it is ACTIVE, all of one epoch, within its heartbeat. Healthy are those that run and can
-  reach the manager's bus.
+- Every healthy PE reports that it is ACTIVE, all of one epoch, within its heartbeat period. Healthy are those that run
+  and can reach the manager's bus.
 - The configuration that was activated last is legal in the true situation, and worth, in its first three levels (what
-  is critical, utility, inputs), no less than the best plan for it. (Of a device or a module that has failed nobody need
-  know before it was reported and acknowledged, or declared by the operator. Where no PE is left, none can be told of
+  is critical, utility, inputs), no less than the best plan for it. (A device or a module that has failed need not be
+  known before it was reported and acknowledged, or declared by the operator. Where no PE is left, none can be told of
   another.)
-- The phase that the manager tells (CONTROL, HOLDS) is the true one.
+- The phase that the manager sends (CONTROL, HOLDS) is the true one.
 - Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
   for the true situation serves.
 
-All are asked again and again while a run settles, and count at its end.
+All are verified again and again while a run settles, and count at its end.
 """
 
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ class Seen:
     last: dict[tuple[str, int], LastState]
     witness: Witness
     current: Epoch | None
-    phase: str | None  # that was told last
+    phase: str | None  # that was sent last
     held: set[str]  # what was acknowledged or declared to have failed, and not cleared
 
 
@@ -58,7 +58,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
 
 
 def unnoticed_ns(spec: Spec) -> int:
-    """Longest time for which a PE or a function can be silent before anybody takes it for silent."""
+    """Longest time for which a PE or a function can be silent before any node takes it for silent."""
     beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
     outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
     slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())

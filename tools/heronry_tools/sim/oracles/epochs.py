@@ -1,10 +1,10 @@
-"""One number, one configuration: epochs judged from the state frames alone.
+"""One number, one configuration: epochs verified from the state frames alone.
 
-Whoever names an epoch names one digest with it, on every bus, for ever. Within an incarnation a PE's epoch never goes
-back; on the buses on which the PE itself speaks, since a gateway hands on what it heard a moment ago, and may do so out
-of order. (From nothing to an epoch is forward.)
+Every state frame that names an epoch names one digest with it, on every bus, for ever. Within an incarnation a PE's
+epoch never goes back; on the buses on which the PE itself sends, since a gateway hands on what it heard a moment ago,
+and may do so out of order. (From nothing to an epoch is forward.)
 
-The last state of each PE is kept for who judges the end.
+The last state of each PE is kept for `end_state`.
 """
 
 from dataclasses import dataclass
@@ -31,15 +31,15 @@ class EpochCheck(Oracle):
     """Follows the state frames."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """With a key state frames have a tag in the place of the digest, which the manager alone can judge."""
+        """With a key state frames have a tag in the place of the digest, which the manager alone can verify."""
         self._has_digests = has_digests
         super().__init__()
         self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self.last: dict[tuple[str, int], LastState] = {}  # by bus and identifier
         self._digests: dict[int, int] = {}
 
-    def link_events(self, sent: Sent) -> StatePage0 | StatePage1 | None:
-        """A state frame was sent; gives what it says where that is news."""
+    def changed_page(self, sent: Sent) -> StatePage0 | StatePage1 | None:
+        """Follow a state frame; gives its page where that is not what its PE sent before."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
         meaning = without_sequence(data)

@@ -1,10 +1,10 @@
-"""Break before make, judged from outside: nothing exclusive ever has two drivers.
+"""Break before make, verified from outside: nothing exclusive ever has two drivers.
 
 A *thing* is a DEMUX, an actuator that none stands before, or an identifier on one bus; its holder is the module and PE
 that moved it last (where a branch of a DEMUX has no device: that computed for it), or the node that sent it last. A
 holder may lose its thing to another one, and may get it back with a later handover. It must not drive it again after
-another one took over since the last handover: then both believed to hold it. Modules that drive in turn are caught at
-the second turn, at the latest, whatever their rates are.
+another one took over since the last handover: then both believed that they held it. Modules that drive in turn are
+found at the second turn, at the latest, whatever their rates are.
 
 A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch of its term heard on the
 manager's bus. What a term begins with may be any other epoch than the last: a manager that has lost its journal may
@@ -12,12 +12,12 @@ begin with an older number, and where a higher term falls silent the one before 
 until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time when BREAK
 is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
 
-Where nobody has reigned for T_lease, and the other one was not heard for as long, it may have let go by itself, and a
-holder from before may drive again. If it had not, it is seen driving again after that.
+Where no manager has been active for T_lease, and the other holder was not heard for as long, that one may have let go
+by itself, and a holder from before may drive again. If it had not, it is seen driving again after that.
 
-Nor is it judged what a PE drives within T_lease of a stranger's ALIVE that names it: said again, it is as good as new
-to who was cut off when it was said first. And nobody waits for a PE in whose name a stranger has said that it started
-anew, though it may only be unheard (docs/limits.md).
+Not verified: what a PE drives within T_lease of a stranger's ALIVE that names it. Sent again, an ALIVE is as good as
+new to a PE that was cut off when it was sent first. And the manager does not wait for a PE in whose name a stranger has
+sent that it started anew, though it may only be unheard (docs/limits.md).
 """
 
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Follows who drives what."""
+    """Follows what each PE drives."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class ExclusionCheck(Oracle):
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._leased_ns = 0  # when a manager was heard last
         self._spoke_ns: dict[str, int] = {}  # when each PE was
-        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE, or spoken for it
+        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE, or sent in its name
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
 
     def leased(self, t_ns: int) -> None:
@@ -58,7 +58,7 @@ class ExclusionCheck(Oracle):
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """A PE has said how it is."""
+        """A PE has sent its state."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
@@ -103,13 +103,13 @@ class ExclusionCheck(Oracle):
             self._lost[thing, before] = self._handover
         was_lost = before is not None and self._lost.pop((thing, holder), None) == self._handover
         if before is not None and was_lost and not self._may_have_gone(t_ns, before):
-            who = " on ".join(filter(None, holder))
+            driver = " on ".join(filter(None, holder))
             rival = " on ".join(filter(None, before))
-            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._epoch}"
+            story = f"{thing[0]} {thing[1]} is driven by {driver} again, after {rival}, in epoch {self._epoch}"
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether nobody reigns, and this one is not heard: it hears nobody then, or is seen driving again."""
+        """Tell whether neither a manager nor this holder is heard: its PE hears no node then, or it drives again."""
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))
         return t_ns - heard_ns > self._lease_ns

@@ -1,7 +1,7 @@
-"""Frames on their way to the judges: one look-up by identifier, each frame decoded once, and told to whoever asks.
+"""Frames on their way to the oracles: one look-up by identifier, each frame decoded once, and told to its listeners.
 
-What is told of a state or a command is told where it is news. Whose command counts is for `terms` to say: what others
-say is kept apart (`commanded`), and told to no judge. What a stranger sends is told as just that.
+A state or a command is told where it differs from the one before. Which manager's commands count is for `terms` to say:
+what others send is kept apart (`commanded`), and told to no oracle. What a stranger sends is told as just that.
 """
 
 from collections.abc import Callable, Collection
@@ -46,7 +46,7 @@ class FrameWatch:
     """Watches all buses of one run."""
 
     def __init__(self, known: Known, oracles: Collection[Oracle]) -> None:
-        """Tell these judges; what they share is followed here."""
+        """Tell these oracles; what they share is followed here."""
         self._known, self._bus = known, known.spec.manager.bus
         self._of = {hook: listeners(oracles, hook) for hook in _HEARD}
         self._of_data = self._of["published"]
@@ -86,14 +86,14 @@ class FrameWatch:
         for oracle in self._of_data:
             oracle.published(sent)
 
-    # What PEs say
+    # What PEs send
 
     def _state(self, sent: Sent) -> None:
         known, node, is_on_managers_bus = self._known, self._node_of_state[sent.frame.can_id], sent.bus == self._bus
         if is_on_managers_bus:
             for oracle in self._of["state_sent"]:
                 oracle.state_sent(sent.end_ns, node, sent.frame.data)
-        page = known.epochs.link_events(sent)
+        page = known.epochs.changed_page(sent)
         last = known.epochs.last.get((sent.bus, sent.frame.can_id))
         if last is not None and last.page.state is not PeState.UNCONFIGURED and is_on_managers_bus:
             for oracle in self._of["ran"]:
@@ -136,7 +136,7 @@ class FrameWatch:
         if sent.bus == self._bus:
             self._known.witness.see(sent.end_ns, sent.frame)
 
-    # What managers say
+    # What managers send
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         if sent.bus != self._bus:
@@ -153,13 +153,13 @@ class FrameWatch:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
         if not isinstance(message, Malformed):
-            self._command_is_news(manager, message, sent)
+            self._new_command(manager, message, sent)
 
-    def _command_is_news(self, manager: int, message: ManagementMessage, sent: Sent) -> None:
+    def _new_command(self, manager: int, message: ManagementMessage, sent: Sent) -> None:
         known = self._known
         if known.proven is not None and isinstance(message, Control):
-            known.proven.commanded(manager, message)  # a session is opened for whoever believes it
-        if not known.terms.judge_command(sent.end_ns, manager, message, sent.sender):
+            known.proven.commanded(manager, message)  # it may open a session, from whichever manager it comes
+        if not known.terms.follow_command(sent.end_ns, manager, message, sent.sender):
             known.commanded.take(sent.end_ns, message, is_active=False)
             return
         epoch = known.commanded.take(sent.end_ns, message)
@@ -175,7 +175,7 @@ class FrameWatch:
         for oracle in self._of["manager_heard"]:
             oracle.manager_heard(sent.end_ns)
         message, known = decode_command(Command.ALIVE, sent.frame.data), self._known
-        if not isinstance(message, Alive) or not known.terms.judge_alive(sent.end_ns, sent.sender, message.term):
+        if not isinstance(message, Alive) or not known.terms.follow_alive(sent.end_ns, sent.sender, message.term):
             return
         known.solitude.heard(sent.end_ns, sent.bus, sent.sender)
         if message.term > self._term:
@@ -190,10 +190,10 @@ class FrameWatch:
         if sent.bus == self._bus:
             self._known.terms.tagged(sent.end_ns, sent.sender)
 
-    # What strangers say
+    # What strangers send
 
     def _misled(self, sent: Sent) -> None:
-        """A stranger names who is counted on, or speaks for a PE, which with a key nobody believes."""
+        """A stranger names available PEs, or sends a state in the name of a PE, which with a key no node believes."""
         can_id = sent.frame.can_id
         nodes: Collection[int] = ()
         if can_id in self._alive_ids:

@@ -1,15 +1,14 @@
 """No module is given what is old or foreign: its inputs, against the frames on the bus.
 
-Of what drives an actuator every step is judged, of all others one in some (`nodes`). A module is stepped with the data
-that its PE held for fresh when it asked for the step; what may pass until a slow processor comes to that step is
-bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration
-of the PE's epoch wires to another PE there must have been a frame of that very producer's node on one of the PE's buses
-within three of the longest periods of its source; and the value must be that of one of these frames, and of nobody
-else's ("foreign").
+Of modules that drive an actuator every step is verified, of all others one in some (`nodes`). A module is stepped with
+the data that its PE held for fresh when it requested the step; what may pass until a slow processor comes to that step
+is bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration of the PE's epoch wires to
+another PE there must have been a frame of that very producer's node on one of the PE's buses within three of the
+longest periods of its source; and the value must be that of one of these frames, and of no other node's ("foreign").
 Whatever the PE believes about ages and origins, the bus knows.
 
-Not judged: an input that stays on its PE, one whose variable has an initial value, and anything between the activation
-of an epoch and the first moments in which the PE's state frames tell that it follows.
+Not verified: an input that stays on its PE, one whose variable has an initial value, and anything between the
+activation of an epoch and the first moments in which the PE's state frames show that it follows.
 """
 
 from collections import deque
@@ -58,7 +57,7 @@ class FreshnessCheck(Oracle):
         last.append((sent.end_ns, frame))
 
     def told(self, state: StateSaid) -> None:
-        """A PE says which epoch it follows."""
+        """Follow which epoch a PE reports."""
         node, epoch = state.node, state.page.epoch
         if self._epochs.get(node, (None,))[0] != epoch:
             self._epochs[node] = (epoch, state.t_ns)

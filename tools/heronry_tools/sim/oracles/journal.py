@@ -1,26 +1,26 @@
 """A manager's journal, read back, is what its frames show: at every moment at which they show something new.
 
-Whoever restarts knows no more than the bytes on its disk. They are read again as that manager would (`recovered`), and
-held against what it has said, in that reign:
+A manager that restarts knows no more than the bytes on its disk. They are read again as that manager would
+(`recovered`), and compared with what it has sent, in that mastership:
 
     term         a frame that names a term: the journal has it, or a higher one. A term that is not on the disk before
-                 it is spoken in might be spoken in twice
-    epochs       a PREPARE of a number that nobody has prepared before, and that is not what this manager has adopted:
-                 it lies within what is reserved
+                 it is used might be used twice
+    epochs       a PREPARE of a number that no manager has prepared before, and that is not what this manager has
+                 adopted: it lies within what is reserved
     what runs    a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
     phase        HOLDS of a phase: it is that one
     faults       HOLDS of an element: it is latched; CLEAR: it is not
 
-When a manager has died (`died`) the numbers are asked for again, in what a power cut has left: they were synced before
+When a manager has died (`died`) the numbers are compared again, with what a power cut has left: they were synced before
 they were used. Facts may go with the power.
 
-Whoever is started on a copy of another one's disk (`copied`) answers for what that one has said until then, and for
-nothing that was said before on the disk that it had at another time.
+A manager that is started on a copy of another one's disk (`copied`) answers for what that one has sent until then, and
+for nothing that was sent before on the disk that it had at another time.
 
-Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
-deposed manager says (the caller tells nothing of it). A frame that waited may be older than the journal: an epoch is
-then older, and not another; a phase and a fault are as the journal had them when it was last looked at, or in one of
-the last records that are there.
+Not verified: a disk that takes nothing (the caller gives no bytes), a manager that only follows and has sent nothing
+yet, and what a deposed manager sends (the caller tells nothing of it). A frame that waited may be older than the
+journal: an epoch is then older, and not another; a phase and a fault are as the journal had them when it was last read,
+or in one of the last records that are there.
 """
 
 from collections.abc import Callable
@@ -48,12 +48,12 @@ from heronry_wire.management import (
 
 _WAITED = 8 * 3  # lines of records that may be written while a frame waits: both copies, and an empty one
 _FIRST_PHASE_NS = 1_000_000_000  # for which a frame may wait that names it
-Read = Callable[[str], bytes | None]  # what is on the disk of who has this station; None where nobody promises anything
+Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager; None where nothing is promised of them
 
 
 @dataclass(slots=True)
 class _Said:
-    """What one manager has said, over all its reigns."""
+    """What one manager has sent, over all its masterships."""
 
     term: int = 0
     prepared: int = NO_EPOCH
@@ -61,7 +61,7 @@ class _Said:
 
 
 class JournalCheck(Oracle):
-    """Compares what managers say with what they have written."""
+    """Compares what managers send with what they have written."""
 
     def __init__(self, spec: Spec, read: Read) -> None:
         super().__init__()
@@ -71,16 +71,16 @@ class JournalCheck(Oracle):
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first, "" on a former disk
         self._none_entered_ns: dict[str, int] = {}  # by station: when its journal named no phase yet, last
-        self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
+        self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: bytes on its disk, and what they hold
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
         """A manager, known by its station, was heard."""
         if isinstance(message, SliceHead | SliceBody):
             return
         said = self._said.setdefault(station, _Said())
-        link_events = self._link_events(station, said, message)
+        is_new = self._shows_more(station, said, message)
         _, before = self._last_read.get(station, (b"", None))
-        memory = self._memory(station) if link_events or message.term > said.term else None
+        memory = self._memory(station) if is_new or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
             was_so = before is not None and not self._facts(before, message)
@@ -113,7 +113,7 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether what a manager HOLDS was so a few records ago."""
+        """Tell whether what a manager sends with HOLDS was so a few records ago."""
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
@@ -123,7 +123,7 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether a manager HOLDS the first phase, which has no record, and had entered no other lately."""
+        """Tell whether HOLDS names the first phase, which has no record, and no other was entered lately."""
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
 
@@ -131,11 +131,11 @@ class JournalCheck(Oracle):
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
 
     def _is_first(self, epoch: int, manager: str) -> bool:
-        """Take down that a manager prepares an epoch; tells whether it was the first to do so."""
+        """Note that a manager prepares an epoch; tells whether it was the first to do so."""
         return self._prepared.setdefault(epoch, manager) == manager
 
-    def _link_events(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Take a command down; tells whether it shows anything new."""
+    def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
+        """Note a command; tells whether it shows anything new."""
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch
@@ -155,14 +155,14 @@ class JournalCheck(Oracle):
                     is_newer(runs.epoch, epoch) or (runs.epoch, runs.digest) == (epoch, digest)
                 )
                 if not is_known:
-                    return [f"says that epoch {epoch} runs, and its journal says {runs}"]
+                    return [f"sends that epoch {epoch} runs, and its journal has {runs}"]
             case Control(_, _, Operation.HOLDS, ElementKind.PHASE, index):
                 if memory.phase not in (None, self._phases[index]):
-                    return [f"holds phase {self._phases[index]}, and its journal says {memory.phase}"]
+                    return [f"holds phase {self._phases[index]}, and its journal has {memory.phase}"]
             case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
                 element = self._names[ElementKind(kind)][index]
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
-                    return [f"says {operation.name} of {element}, and its journal says {sorted(memory.latched)}"]
+                    return [f"sends {operation.name} of {element}, and its journal has {sorted(memory.latched)}"]
         return []
 
 
@@ -170,7 +170,7 @@ def _numbers(said: _Said, memory: Memory) -> list[str]:
     """What is wrong with the numbers: none may be used that is not on the disk."""
     stories = []
     if memory.term < said.term:
-        stories.append(f"has spoken in term {said.term}, and its journal has {memory.term}")
+        stories.append(f"has used term {said.term}, and its journal has {memory.term}")
     if said.prepared != NO_EPOCH and is_newer(said.prepared, memory.reserved.get(EPOCHS, NO_EPOCH)):
         stories.append(f"has prepared epoch {said.prepared}, and has reserved {memory.reserved.get(EPOCHS)}")
     return stories

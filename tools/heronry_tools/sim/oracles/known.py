@@ -1,7 +1,7 @@
-"""What the judges of one run share: what was commanded, who is counted on, who commands, and in which phase.
+"""What the oracles of one run share: what was commanded, the available PEs, the active manager, and the phase.
 
-Everything here is followed from frames alone. Some of it is followed by judges, whom others ask: they are made here,
-and stand in the `registry` with all others.
+Everything here is followed from frames alone. Some of it is followed by oracles that other oracles use: they are made
+here, and stand in the `registry` with all others.
 """
 
 from collections.abc import Collection

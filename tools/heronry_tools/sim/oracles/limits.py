@@ -1,29 +1,29 @@
-"""Limits that are promised, as the judges know them: their own numbers, so that a core that takes others is found out.
+"""Limits that are promised, as the oracles know them: their own numbers, so that a core with others is found out.
 
-They are those of docs/protocol.md, "Times". Who changes one there has to change it here: a test compares them.
+They are those of docs/protocol.md, "Times". A change there must be made here, too: a test compares them.
 """
 
 LEASE_PERIODS = 5
 """T_lease, in heartbeat periods."""
 
 CHANNEL_REPORT_NS = 1_000_000_000
-"""So often is a lost channel told of again."""
+"""Time after which a PE reports a lost channel again."""
 
 START_UP_WINDOW_NS = 5_000_000_000
-"""For so long, at most, a reign waits for PEs that were never heard."""
+"""Longest time for which a new mastership waits for PEs that were never heard."""
 
 PATIENCE_PERIODS = 25
-"""Heartbeat periods after which a PE that has not acknowledged is given up."""
+"""Heartbeat periods after which a PE that has not acknowledged is failed."""
 
 FRESH_PERIODS = 3
 """Periods of its source after which a datum is absent."""
 
 HOLD_DOWN_PERIODS = 10
-"""Heartbeat periods for which a PE that is heard again is not counted on; after each loss twice as many."""
+"""Heartbeat periods for which a PE that is heard again is not available; after each loss twice as many."""
 
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
 FORGIVEN_AFTER_NS = 60_000_000_000
-"""Losses are forgiven who has been counted on for so long."""
+"""Time after which the losses of a PE that has been available throughout are forgotten."""
 
 RADIO_WINDOW_PERIODS = 10
 """Heartbeat periods of a radio over which its gateway measures it."""

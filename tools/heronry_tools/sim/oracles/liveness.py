@@ -5,11 +5,11 @@ From the moment at which nothing more is done to it (`bound_ns`), one after the 
     controllers     a bus-off controller is started again, and what was queued for T_lease is sent
     a manager       one that has just been started listens for T_lease, and its start-up window is open for PEs that
                     will never be heard
-    an old epoch    one that was under way is given up when a PE has kept it waiting for all its patience
+    an old epoch    one that was under way is abandoned when a PE has kept it waiting for all its patience
     the way back    a PE starts and speaks, and is held down; after each loss for twice as long, up to a minute. How
-                    often it was lost is read from ALIVE, which names the PEs that are counted on: losses that lie
-                    further back than a minute of being counted on are forgiven; a new reign may remember the
-                    others, and each reign's end may be one, for a manager that has lost all says nothing more. One
+                    often it was lost is read from ALIVE, which names the available PEs: losses that lie further
+                    back than a minute of availability are forgotten; a new mastership may remember the others, and
+                    each mastership's end may be one, for a manager that has lost all PEs sends nothing more. One
                     more loss may follow from what was done last
     radios          what is measured of one is ten periods old, and more bandwidth is believed after a hold-down, in two
                     steps at most: the first while the measure still rises
@@ -39,7 +39,7 @@ _LAST_EPOCHS = 4
 
 
 class Losses:
-    """Who was lost how often, as the ALIVE frames of the reigning manager tell."""
+    """How often each PE was lost, as the ALIVE frames of the active manager show."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -53,12 +53,12 @@ class Losses:
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """An ALIVE was sent; of two managers at once the one that reigns counts."""
+        """Follow an ALIVE; of two managers at once the active one counts."""
         before = self._mastership.number
         if not self._mastership.named(t_ns, message.term):
             return
         named = {self._names[node] for node in message.nodes if node in self._names}
-        still = named if message.term == before else frozenset()  # a new reign has its own opinion of who is there
+        still = named if message.term == before else frozenset()  # a new mastership finds the available PEs by itself
         for pe in self._available.keys() - still:
             forgiven = t_ns - self._available.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1

@@ -1,8 +1,8 @@
 """The data on a bus stay within its budget: second by second, from the frames alone (`oracles.transitions`: at once).
 
 What the spec's nodes publish may take `max_load` less `reserve` of the bit rate. Real frames are shorter than the worst
-case that the plan counts, so the budget is only reached where something is published that no plan asked for; a quarter
-more is let pass, for a node whose wire was mended sends in one go what it could not send for T_lease.
+case that the plan counts, so the budget is only reached where something is published that no plan provides; a quarter
+more is tolerated, since a node whose wire was mended sends in one go what it could not send for T_lease.
 """
 
 from heronry_dg.model import Spec

@@ -1,7 +1,8 @@
-"""What a judge of a run is: a small class that is told what happens and says what must not be.
+"""What an oracle of a run is: a small class that is told what happens and finds what must not be.
 
-A judge overrides what it wants to be told, and keeps what it has found in `violations`. Who is told is worked out once
-(`listeners`), so a judge costs nothing for what it does not ask for. A judge asks no core, and changes nothing.
+An oracle overrides the methods of what it wants to be told, and keeps what it has found in `violations`. The listeners
+of each method are worked out once (`listeners`), so an oracle costs nothing for what it does not override. An oracle
+asks no core, and changes nothing.
 
 To add one: write its class, and name it in `registry`.
 """
@@ -21,7 +22,7 @@ from heronry_wire.state_frames import StatePage0
 
 
 class StateSaid(NamedTuple):
-    """Page 0 of a state, where it is news."""
+    """Page 0 of a state, where it differs from the one before."""
 
     t_ns: int
     bus: str
@@ -31,7 +32,7 @@ class StateSaid(NamedTuple):
 
 
 class Oracle:
-    """A judge that asks for nothing, and has found nothing yet."""
+    """An oracle that listens to nothing, and has found nothing yet."""
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []
@@ -39,7 +40,7 @@ class Oracle:
     # Frames
 
     def seen(self, sent: Sent) -> None:
-        """A frame was sent, on any bus, by anybody."""
+        """A frame was sent, on any bus, by any node."""
 
     def published(self, sent: Sent) -> None:
         """A data frame was sent, on any bus."""
@@ -53,48 +54,48 @@ class Oracle:
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
         """A stranger has sent an ALIVE that names these PEs, or a state of one that would be believed."""
 
-    # What PEs say
+    # What PEs send
 
     def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
-        """A state frame was on the managers' bus, news or not."""
+        """A state frame was on the managers' bus, whether it differs from the one before or not."""
 
     def ran(self, t_ns: int) -> None:
-        """Somebody has said on the managers' bus that he runs something."""
+        """A PE has reported on the managers' bus that it runs something."""
 
     def said(self, state: StateSaid) -> None:
-        """A PE says itself how it is, on any of its buses."""
+        """A PE has sent its state itself, on any of its buses."""
 
     def told(self, state: StateSaid) -> None:
-        """A PE's state was told on the managers' bus, by itself or by a gateway."""
+        """A PE's state was on the managers' bus, sent by itself or by a gateway."""
 
     def emergency(self, sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """A PE has sent an EMCY itself, on any of its buses."""
 
     def handed_on(self, sent: Sent) -> None:
-        """Another PE, a gateway, has sent an EMCY of one."""
+        """A gateway has handed on an EMCY of another PE."""
 
     def requested(self, node: int, message: Emergency) -> None:
-        """A PE has asked for a phase, on the managers' bus."""
+        """A PE has requested a phase, on the managers' bus."""
 
     def measured(self, sent: Sent) -> None:
         """A gateway has reported on its radio, on the managers' bus."""
 
-    # What managers say
+    # What managers send
 
     def manager_heard(self, t_ns: int) -> None:
-        """A command or an ALIVE was on the managers' bus, whoever had sent it."""
+        """A command or an ALIVE was on the managers' bus, from any manager."""
 
     def leased(self, t_ns: int) -> None:
-        """A LEASE was on the managers' bus, whoever had sent it."""
+        """A LEASE was on the managers' bus, from any manager."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """The manager that commands, at this station, has said something new."""
+        """The active manager, at this station, has sent a new command."""
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """An epoch has been activated, and put together again, or cannot be."""
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """The manager that commands has sent an ALIVE: these PEs are counted on."""
+        """The active manager has sent an ALIVE: these PEs are available."""
 
     def began(self, t_ns: int) -> None:
         """A term was heard of that is higher than all before; before its first `alive`."""
@@ -111,9 +112,9 @@ class Oracle:
         """A module was stepped that drives."""
 
     def looked(self, stepped: Driven) -> None:
-        """A module was stepped that does not drive, and somebody has looked at what it was given."""
+        """A module was stepped that does not drive, and the simulator recorded its inputs."""
 
-    # What is done to the aircraft, told by who does it
+    # What is done to the aircraft, told by the code that does it
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
         """A bus is broken in the middle, or whole again."""
@@ -134,16 +135,16 @@ class Oracle:
         """From now on a manager may begin with less than was known of the phase."""
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator has ordered a phase, and the manager has obeyed in a term."""
+        """The operator has ordered a phase, and the manager has accepted that in a term."""
 
     def failed(self, t_ns: int, element: str) -> None:
-        """A manager takes an element for failed, since the operator has said so."""
+        """A manager takes an element for failed, since the operator has declared it."""
 
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """The operator has cleared an element that counted as down by `truth`; not everywhere: one manager knows."""
 
 
 def listeners(oracles: Iterable[Oracle], hook: str) -> tuple[Oracle, ...]:
-    """Those that want to be told: they override the method of this name."""
+    """Oracles that override the method of this name: it needs to be called on them alone."""
     unheard = getattr(Oracle, hook)
     return tuple(one for one in oracles if getattr(type(one), hook) is not unheard)

@@ -1,12 +1,13 @@
-"""A PE without a manager follows its policy, judged from its state frames and the LEASEs on the managers' bus.
+"""A PE without a manager follows its policy, verified from its state frames and the LEASEs on the managers' bus.
 
-Once no manager has been on the bus for T_lease, and a little longer for that to be told,
+Once no manager has been on the bus for T_lease, and a little longer for that to be reported,
 
-- nobody says that it hears a LEASE (but for what a PE that was cut off said before, and could not send);
-- `keep`: everybody goes on with what it runs. State, epoch and digest stay as they are, until it restarts or some
-  manager speaks again. Who stood still takes up first what it was told meanwhile, and is judged a heartbeat after that.
+- no PE reports that it hears a LEASE (but for what a PE that was cut off had queued before, and could not send);
+- `keep`: every PE goes on with what it runs. State, epoch and digest stay as they are, until it restarts or some
+  manager sends again. A PE that stood still executes first what it was sent meanwhile, and is verified a heartbeat
+  period after that.
 
-`safe_mode` is another policy, and judged by `oracles.safe_mode`.
+`safe_mode` is another policy, and verified by `oracles.safe_mode`.
 """
 
 from heronry_dg.model import Spec
@@ -16,11 +17,11 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0, decode_state
 
 _What = tuple[int, PeState, int, int]  # incarnation, state, epoch, digest
-_SLACK = 2  # heartbeats: one until it is told, one for clocks and waiting
+_SLACK = 2  # heartbeat periods: one until it is reported, one for clocks and waiting
 
 
 class OrphanCheck(Oracle):
-    """Follows who hears a manager."""
+    """Follows which PEs hear a manager."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """With a key state frames have a tag in the place of the digest."""
@@ -32,7 +33,7 @@ class OrphanCheck(Oracle):
         self._patience_ns = (LEASE_PERIODS + _SLACK) * bus.heartbeat_ns
         self._heartbeat_ns = bus.heartbeat_ns
         self._queued_ns = LEASE_PERIODS * bus.heartbeat_ns  # a frame may have waited for so long
-        self._spoken_ns: int | None = None  # when some manager said anything last
+        self._spoken_ns: int | None = None  # when some manager sent anything last
         self._heard_ns: dict[int, int] = {}
         self._back_ns: dict[int, int] = {}  # when it was heard again after a silence
         self._orphans: dict[int, _What] = {}  # by node: what it ran when it heard none
@@ -42,7 +43,7 @@ class OrphanCheck(Oracle):
         self._spoken_ns = t_ns
 
     def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
-        """A PE says what it runs, on the managers' bus."""
+        """A PE reports what it runs, on the managers' bus."""
         if t_ns - self._heard_ns.get(node, t_ns) > self._queued_ns:
             self._back_ns[node] = t_ns
         self._heard_ns[node] = t_ns
@@ -53,7 +54,7 @@ class OrphanCheck(Oracle):
         if node not in self._names or not isinstance(page, StatePage0):
             return
         if PeFlags.HEARS_LEASE in page.flags and t_ns - self._spoken_ns > self._patience_ns + self._queued_ns:
-            self._tell(t_ns, f"{self._names[node]} says that it hears a manager, and there is none")
+            self._tell(t_ns, f"{self._names[node]} reports that it hears a manager, and there is none")
         runs = (page.incarnation, page.state, page.epoch, page.digest if self._has_digests else 0)
         before, self._orphans[node] = self._orphans.get(node), runs
         is_settled = node not in self._back_ns or t_ns - self._back_ns[node] >= self._heartbeat_ns

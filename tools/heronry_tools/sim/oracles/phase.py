@@ -1,18 +1,19 @@
-"""The mission phase, judged from orders and frames: it is what was asked for last, and nothing else is told.
+"""The mission phase, verified from orders and frames: it is what was requested last, and no other is sent.
 
-Asked for is what the operator has ordered and the manager obeyed, and what a PE has requested (EMCY, PHASE_REQUEST)
-once the manager that reigns has acknowledged it, or tells that phase. A request carries a number: acknowledged twice it
+Requested is what the operator has ordered and the manager accepted, and what a PE has requested (EMCY, PHASE_REQUEST)
+once the active manager has acknowledged it, or sends that phase. A request carries a number: acknowledged twice it
 counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
-back. Told is what HOLDS names; for a moment that may be what was just left, and then a request that somebody could obey
-once more counts only when it is answered with that. Such an answer may be from before the operator's order, on its way:
-then the order counts as soon as it is told.
+back. The phase that is *told* is the one that HOLDS names; for a moment that may be what was just left, and then a
+request that a manager could accept once more counts only when it is answered with that. Such an answer may be from
+before the operator's order, on its way: then the order counts as soon as it is told.
 
-A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
-did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
-phase as it was, or one that is still requested; else also one that was left before, and a request that was acknowledged
-in an earlier term may count again, if that reign tells so. Who has begun a higher term, and was not heard for a while,
-need not know what a deposed manager has promised meanwhile: no PE has obeyed it. Nor does who goes on in a lower term,
-because it hears nobody, know in which phase a higher one was that has fallen silent; what it tells counts for nothing.
+A new mastership knows what its manager remembers, or has heard while it stood by, and may have heard a request that the
+previous manager did not live to acknowledge. What it tells first is true from then on: where one manager flies with a
+sound journal, the phase as it was, or one that is still requested; else also one that was left before, and a request
+that was acknowledged in an earlier term may count again, if that mastership tells so. A manager that has begun a higher
+term, and was not heard for a while, need not know what a deposed manager has promised meanwhile: no PE has accepted it.
+Nor does a manager that goes on in a lower term, because it hears no node, know in which phase a higher one was that has
+fallen silent; what it tells counts for nothing.
 """
 
 from collections.abc import Callable
@@ -33,17 +34,17 @@ from heronry_wire.management import (
 
 
 class PhaseCheck(Oracle):
-    """Follows who wants which phase, and which is told."""
+    """Follows which phases are requested, and which one is told."""
 
     def __init__(self, spec: Spec, entered: Callable[[int, str | None], None]) -> None:
         """`entered` is told when a phase begins."""
         super().__init__()
         self.current = spec.initial_phase()
-        self.named: str | None = None  # by whoever commands
+        self.named: str | None = None  # by the active manager
         self._names, self._entered, self._bus = list(spec.phases), entered, spec.manager.bus
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._left: dict[str | None, int] = {}  # phases that were, and when they ended
-        self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was obeyed
+        self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was accepted
         self._overtaken: str | None = None  # what was ordered, if what has come since may be older
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
         self._acknowledged: dict[int, int] = {}  # number of the last request by node
@@ -55,37 +56,37 @@ class PhaseCheck(Oracle):
         self._stories: set[str] = set()
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin its reign with less than was known."""
+        """From now on a manager may begin its mastership with less than was known."""
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
-        """From now on two managers may reign that do not hear each other."""
+        """From now on two managers may be active that do not hear each other."""
         if bus == self._bus:
             self._may_forget = self._is_apart = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """From now on two managers may reign that do not hear each other."""
+        """From now on two managers may be active that do not hear each other."""
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator's order was obeyed in a term: what that one began with is over, though it may still be told."""
+        """The operator's order was accepted in a term: the phase it began with is over, though it may still be told."""
         self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase, term)
         self._ordered = phase, t_ns
 
     def requested(self, node: int, message: Emergency) -> None:
-        """A PE asks for a phase, on the managers' bus."""
+        """A PE requests a phase, on the managers' bus."""
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """A PE has told its incarnation: a new one counts its requests anew."""
+        """A PE has reported its incarnation: a new one counts its requests anew."""
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
             self._acknowledged.pop(node, None)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """The manager that reigns acknowledges a request, or tells the phase."""
+        """The active manager acknowledges a request, or tells the phase."""
         if not isinstance(message, Control):
             return
         self._heard_term = max(self._heard_term, message.term)
@@ -115,17 +116,17 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request may not be obeyed, since it only leads on."""
+        """Tell whether a request must not be accepted, since it only leads on and this would lead back."""
         return bool(number & FORWARD_ONLY) and self.current is not None and index < self._names.index(self.current)
 
     def _is_wanted(self, phase: str) -> bool:
-        """Tell whether somebody waits for an answer who may be obeyed with this phase."""
+        """Tell whether a PE waits for an answer whose request for this phase may be accepted."""
         index = self._names.index(phase)
-        asked = (key for key, wanted in self._requested.items() if wanted == index)
-        return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in asked)
+        requests = (key for key, wanted in self._requested.items() if wanted == index)
+        return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
 
     def _may_count(self, node: int, number: int) -> bool:
-        """Tell whether a request may be new to who reigns."""
+        """Tell whether a request may be new to the active manager."""
         return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
@@ -147,7 +148,7 @@ class PhaseCheck(Oracle):
             return
         if not is_new and not self._is_apart:
             if not is_on_its_way:
-                self._complain(t_ns, f"{phase} is told in term {term}, and asked for was {self.current}")
+                self._complain(t_ns, f"{phase} is told in term {term}, and {self.current} was requested")
             return
         if not (self._names.index(phase) in self._requested.values() or (self._may_forget and phase in self._left)):
             self._complain(t_ns, f"term {term} begins in {phase}, and the phase was {self.current}")

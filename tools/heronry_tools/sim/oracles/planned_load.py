@@ -1,8 +1,8 @@
 """Once all is well the buses carry what was planned: every source of the last epoch at its rate, and no other.
 
-Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may have nothing
-to say and publish less; that is for who listens to the functions. Who has no way to the manager follows no plan: what
-it says on its own side is not counted.
+Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may publish less
+than its rate; that is for the oracles of the functions. A PE that has no way to the manager follows no plan: what it
+sends on its own side is not counted.
 """
 
 from collections import Counter
@@ -56,7 +56,7 @@ class PlannedLoadCheck(Oracle):
             counts[bus, identifier] += count if sender in reached else 0
         found = []
         for (bus, identifier), count in sorted(counts.items()):
-            producer, variable = self._names.get(identifier, ("nobody", str(identifier)))
+            producer, variable = self._names.get(identifier, ("no module", str(identifier)))
             rate_mhz = planned.get((bus, producer, variable), 0)
             most = (t_ns - self._since_ns) * rate_mhz / _MHZ_NS * _FAST + (_MORE if rate_mhz else 0)
             if count > most:

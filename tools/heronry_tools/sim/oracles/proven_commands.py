@@ -1,12 +1,12 @@
-"""Which commands on a bus were said by who holds the key: every tag worked out again, from the frames alone.
+"""Which commands on a bus come from a holder of the key: every tag worked out again, from the frames alone.
 
-A command and the TAG that follows it are a pair. Whoever sends them, a pair is *proven* if the tag is that of some
-number: TAG shows its lowest 13 bits, and the others are tried, up to a span beyond the highest that was proven of that
-manager in that term. This knows nothing of what was believed by anybody, keeps no order and forgives nothing: what is
-replayed is proven as often as it is said, at the place that it had the first time.
+A command and the TAG that follows it are a pair. A pair of any sender is *proven* if the tag is that of some number:
+TAG shows its lowest 13 bits, and the others are tried, up to a span beyond the highest that was proven of that manager
+in that term. This knows nothing of what the nodes believed, and keeps no order: what is replayed is proven as often as
+it is sent, at the place that it had the first time.
 
-SLICE names no term and is left out: the digest of a configuration vouches for it. So is WELCOME, whose tag covers a
-nonce as well.
+SLICE names no term and is left out: the digest of a configuration proves it. So is WELCOME, whose tag covers a nonce
+as well.
 """
 
 from collections import defaultdict, deque
@@ -31,7 +31,7 @@ _REMEMBERED = 64  # commands of one kind that wait for their TAG: more than a PE
 
 
 class Proven(NamedTuple):
-    """A pair that was said: by whom, where in its counting, and what."""
+    """A pair that was sent: its manager, its place in the manager's numbers, and the command."""
 
     manager: int
     place: Place
@@ -54,7 +54,7 @@ class ProvenCommands:
         self._highest: dict[tuple[int, int], int] = {}  # number, by manager and term
 
     def take(self, sent: Sent) -> Proven | None:
-        """Take a frame of anybody; gives what it proves."""
+        """Take a frame of any sender; gives what it proves."""
         command = self._commands.get(sent.frame.can_id)
         if command is not None:
             if not is_welcome(sent.frame.data) or command[1] is not Command.CONTROL:
@@ -64,7 +64,7 @@ class ProvenCommands:
         return None if manager is None else self._proven(manager, decode_tag(sent.frame.data))
 
     def newest(self, manager: int) -> Place:
-        """How far a manager has come."""
+        """Highest place that was proven of a manager."""
         return max((Place(t, number) for (m, t), number in self._highest.items() if m == manager), default=Place(0, 0))
 
     def _proven(self, manager: int, fields: tuple[int, ...] | None) -> Proven | None:

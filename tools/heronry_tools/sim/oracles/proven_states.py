@@ -1,10 +1,10 @@
-"""What a page 1 says of its digest where a tag stands in its place: found out with the key, by who judges a run.
+"""The digest of a page 1 that has a tag in its place: found out with the key, by the oracles of a run.
 
-A tag fits a digest in a session, and sessions are opened by WELCOME, which everybody hears. Nothing is asked of the
+A tag fits a digest in a session, and sessions are opened by WELCOME, which every node hears. Nothing is asked of the
 cores: what a PE has staged is known here from the frames alone, as it is without a key.
 
-Who forges nonces makes a manager say WELCOME again and again, to nobody: the PE goes on in the session that it has. So
-the one that has fitted last is tried first and forgotten last.
+An attacker that forges nonces makes a manager send WELCOME again and again, for nothing: the PE goes on in the session
+that it has. So the session that has fitted last is tried first and forgotten last.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ class ProvenStates:
         self._sessions: dict[int, deque[Session]] = {}  # by node
 
     def commanded(self, manager: int, control: Control) -> None:
-        """A manager has said CONTROL: it may be a WELCOME."""
+        """Follow a CONTROL of a manager: it may be a WELCOME."""
         if control.operation is Operation.WELCOME:
             opened = self._sessions.setdefault(control.node, deque(maxlen=_SESSIONS))
             opened.append(Session(manager, control.term, control.a << 16 | control.b))

@@ -1,13 +1,13 @@
-"""Nobody publishes what its epoch does not give it: data frames against the configurations that were commanded.
+"""No node publishes what its epoch does not give it: data frames against the configurations that were commanded.
 
-A node says in its state which epoch it follows, and at once when it follows another one. From then on a data frame of
-its own must belong to what that epoch publishes from there; for T_lease longer it may also be one of the epoch before,
-that was queued. What was activated since a node said something last, it may follow already: its controller was off, and
+A node reports in its state which epoch it follows, and immediately when it follows another one. From then on a data
+frame of its own must belong to what that epoch publishes from there; for T_lease longer it may also be one of the epoch
+before, that was queued. A node may already follow what was activated since its last state: its controller was off, and
 the datum was in the mailbox before the state. A gateway may send whatever the epoch routes over the bus. A node that
 has started anew and follows no epoch publishes nothing: nothing runs on what is unconfigured, and what a dead node had
 queued died with it.
 
-Not judged: an epoch whose configuration could not be read back from the frames.
+Not verified: an epoch whose configuration could not be read back from the frames.
 """
 
 from dataclasses import dataclass
@@ -28,17 +28,17 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """What a node has said of itself: which epoch it follows, since when, and which one it followed before."""
+    """What a node has reported: which epoch it follows, since when, and which one it followed before."""
 
     epoch: int
     incarnation: int
     since_ns: int
     before: int = NO_EPOCH
-    said_ns: int = 0  # when it said so last
+    said_ns: int = 0  # when it reported that last
 
 
 class PublishingCheck(Oracle):
-    """Follows data frames and the epochs of those who send them."""
+    """Follows data frames and the epochs of their senders."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -52,7 +52,7 @@ class PublishingCheck(Oracle):
         self._published: dict[int, dict[str, dict[int, str]]] = {}  # by epoch: bus, identifier, producer's PE
 
     def said(self, state: StateSaid) -> None:
-        """A node says itself which epoch it follows."""
+        """A node reports itself which epoch it follows."""
         sender, t_ns, page = state.pe, state.t_ns, state.page
         told = self._told.get(sender)
         if told is None or told.incarnation != page.incarnation:
@@ -72,7 +72,7 @@ class PublishingCheck(Oracle):
     def _assess(self, sent: Sent) -> None:
         told = self._told.get(sent.sender)
         if told is None:
-            return  # it has just started; what comes before its first state is seen by who counts identifiers
+            return  # it has just started; data before its first state are for `planned_load`
         queued = told.before if sent.end_ns - told.since_ns <= self._queued_ns else told.epoch
         good: set[int] = set()
         epochs = self._commanded.epochs.values()
@@ -89,7 +89,7 @@ class PublishingCheck(Oracle):
             self.violations.append(Violation(sent.end_ns, "publishing", story))
 
     def _identifiers_of(self, epoch: int, bus: str, sender: str) -> frozenset[int] | None:
-        """What an epoch lets a node send on a bus; None where nobody can know."""
+        """What an epoch lets a node send on a bus; None where that cannot be known."""
         if epoch not in self._published:
             known = self._commanded.epochs.get(epoch)
             if known is None or known.configuration is None:

@@ -1,6 +1,6 @@
-"""No queue fills up: whoever is left alone gets rid of what it has to say.
+"""No queue fills up: a node to which nothing is done gets rid of the frames that it has to send.
 
-A bus on which somebody waits is never idle (arbitration is work-conserving), so a bus that has been idle since the last
+A bus on which a frame waits is never idle (arbitration is work-conserving), so a bus that has been idle since the last
 look has emptied every queue meanwhile. That is read from the bits that were sent: as many as the time has room for mean
 that it never fell idle. An error-passive controller pauses for 8 bits after each frame; that is not idleness enough.
 

@@ -1,16 +1,16 @@
-"""A radio is not asked for more than it has, and what crosses it is not old: judged by the frames on both its sides.
+"""A radio is not given more than it carries, and what crosses it is not old: verified by the frames on both its sides.
 
     age     a datum that a gateway sends by radio came to it no longer ago than T_lease, and what one frame may take in
             a controller (a heartbeat period of the radio). However slow the radio: so no queue has grown
     load    second by second, the data on a radio stay within the budget for what its gateway has reported as usable:
             the most of the last seconds, in which the manager believes a fall, plans, and the PEs take their steps. A
-            quarter more is let pass, as everywhere
+            quarter more is tolerated, as everywhere
 
 A frame is known by its bytes. Where data are changed past the CRC a new one may become what an old one was: then one
 that came of late and differs in a byte may be it.
 
-Seconds in which a gateway says that its radio is gone, or says nothing, are not judged: who is beyond may go on sending
-to nobody.
+Seconds in which a gateway reports that its radio is gone, or reports nothing, are not verified: a PE beyond the radio
+may go on sending.
 """
 
 from collections import defaultdict
@@ -108,7 +108,7 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """The most that was reported of late; None where the radio was gone, or nothing was said."""
+        """The most that was reported of late; None where the radio was gone, or nothing was reported."""
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
             return None

@@ -1,4 +1,4 @@
-"""Every judge of a run, one a line: to add one, write its class (`oracle`) and name it here."""
+"""Every oracle of a run, one a line: to add one, write its class (`oracle`) and name it here."""
 
 from collections.abc import Callable
 
@@ -37,9 +37,9 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.planned_load,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
 )
-"""None: this run has nothing for that judge."""
+"""None: this run has nothing for that oracle."""
 
 
 def oracles(known: Known) -> list[Oracle]:
-    """Make the judges of one run."""
+    """Make the oracles of one run."""
     return [oracle for make in ORACLES if (oracle := make(known)) is not None]

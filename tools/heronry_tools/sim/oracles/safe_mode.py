@@ -1,13 +1,13 @@
-"""`without_manager: safe_mode`: a PE that hears no manager lets what is not critical rest, judged from outside.
+"""`without_manager: safe_mode`: a PE that hears no manager stops what is not critical, verified from outside.
 
-A PE is *orphaned* from its first state frame that says so, on the managers' bus, after no LEASE was on that bus for
+A PE is *orphaned* from its first state frame that shows it, on the managers' bus, after no LEASE was on that bus for
 T_lease; every LEASE ends that for all. While it is, nothing goes out from it that serves nothing critical in the
 configuration of its epoch: no frame of a source, no echo, no step of what drives. A frame may have been queued before,
 and has T_lease to go.
 
-What is critical must go on all the same: that is for `oracles.silence` and `oracles.service` to see, and that all comes
-back with a manager, for `oracles.end_state`. With `keep` there is nothing to judge here. Not judged: an epoch whose
-configuration could not be read back from the frames, and a PE that alone hears nothing.
+What is critical must go on all the same: that is for `oracles.silence` and `oracles.service` to verify, and that all
+comes back with a manager, for `oracles.end_state`. With `keep` there is nothing to verify here. Not verified: an epoch
+whose configuration could not be read back from the frames, and a PE that alone hears nothing.
 """
 
 from heronry_dg.configuration import Configuration
@@ -43,7 +43,7 @@ def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
 
 
 class SafeModeCheck(Oracle):
-    """Follows who hears no manager, and what goes out from there."""
+    """Follows which PEs hear no manager, and what goes out from them."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -61,7 +61,7 @@ class SafeModeCheck(Oracle):
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """A PE's state was told, on the managers' bus."""
+        """A PE's state was on the managers' bus."""
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:

@@ -1,23 +1,24 @@
-"""Nothing critical is dropped without need: the planner, asked with the true situation, is the oracle.
+"""Nothing critical is dropped without need: the planner, given the true situation, tells what could be served.
 
 Twice:
 
 - When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
   manager can know: that the PEs which take no part are down, and what was reported and acknowledged, or declared by
   the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
-  before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
-  said by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late that who is
-  named in it may have been lost and have joined again; or where an ALIVE was late within the last period, since what
-  its manager could not send comes then, in the order of its identifiers. Who adopts what runs drops nothing by that.
+  before PREPARE on. A contingency that is called by its number is staged by every PE that hears the call; which of them
+  take part is shown by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late
+  that a PE named in it may have been lost and have joined again; or where an ALIVE was late within the last period,
+  since what its manager could not send comes then, in the order of its identifiers. A manager that adopts what runs
+  drops nothing by that.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
-  patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
-  everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
+  patience, and a second for planning, steps and the first values of all that starts. The planner is asked with
+  everything down that has a fault injected, has failed, or is not available (by ALIVE) meanwhile. Where its plan serves
   every wanted function of that class and those above, any plan for less than that must, too.
 
-Not judged in flight: times in which a bus or a manager is struck, or in which whatever is measured may be wrong; nor
-the start-up window of a reign for as long as nobody runs anything. Who has just been started and hears no PE that flies
-cannot tell that from an aircraft that is switched on: it waits for those that it has not heard, and plans for nobody
-before. The window ends no later than if it had begun with the first ALIVE of that reign.
+Not verified in flight: times in which a bus or a manager has a fault, or in which any measurement may be wrong; nor the
+start-up window of a mastership for as long as no PE runs anything. A manager that has just been started and hears no PE
+that runs anything cannot tell that from an aircraft that is switched on: it waits for the PEs that it has not heard,
+and makes no plan before. The window ends no later than if it had begun with the first ALIVE of that mastership.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -53,7 +54,7 @@ _DOUBTED_NS = 30 * _SECOND_NS
 
 
 class Injected(NamedTuple):
-    """What was done to an element, from when to when (None: for good); `element` is None where it cannot be judged."""
+    """What was done to an element, from when to when (None: for good); `element` is None where that is unclear."""
 
     element: str | None
     from_ns: int
@@ -71,12 +72,12 @@ class _Held:
 
 
 class ServiceCheck(Oracle):
-    """Asks the oracle."""
+    """Compares what is served with what the planner could serve."""
 
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
         """CONTROL and EMCY name elements by their place in this spec.
 
-        missed_ns: gives when a PE heard somebody again after it may have missed a word; 0 if it never has.
+        missed_ns: gives when a PE heard a node again after it may have missed a command; 0 if it never has.
         """
         super().__init__()
         self._spec = spec
@@ -84,16 +85,16 @@ class ServiceCheck(Oracle):
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._held: list[_Held] = []
         self._missed_ns = missed_ns
-        self._told_by: dict[str, str] = {}  # who has told of an element last
-        self._available: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._told_by: dict[str, str] = {}  # by element: the PE that has reported it last
+        self._available: list[tuple[int, frozenset[str]]] = []  # since when, and which PEs
         self._alive_ns = 0  # the last ALIVE
         self._late_ns = 0  # the last one that came late
         self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
         self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
-        self._is_active: list[int] = []  # when they began
-        self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
-        self._ran_ns = 0  # when somebody did last
+        self._masterships_ns: list[int] = []  # when they began
+        self._idle: list[tuple[int, int]] = []  # from when to when no PE ran anything
+        self._ran_ns = 0  # when one did last
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._hold_down_ns = {
             pe: HOLD_DOWN_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
@@ -103,13 +104,13 @@ class ServiceCheck(Oracle):
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
-        """A PE tells of a fault, or takes it back."""
+        """A PE reports a fault, or withdraws its report."""
         if isinstance(message, Emergency):
             for element in self._named(message.kind, message.index):
                 self._told_by[element] = pe
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """A manager may have heard of a fault."""
+        """A manager may have acknowledged a fault."""
         if not isinstance(message, Control):
             return
         if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
@@ -134,7 +135,7 @@ class ServiceCheck(Oracle):
 
     @property
     def held(self) -> set[str]:
-        """What counts as failed now, whoever reigns."""
+        """What counts as failed now, to every manager."""
         return {one.element for one in self._held if one.is_certain}
 
     def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
@@ -157,15 +158,15 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """The first ALIVE of a term will be heard; what a PE has told may be unknown to it, and is not told again."""
+        """A term begins, before its first ALIVE; it may not know a PE's report, which is not sent again."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
-        self._is_active.append(t_ns)
+        self._masterships_ns.append(t_ns)
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """A PE says that it runs something."""
+        """A PE reports that it runs something."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
@@ -196,7 +197,7 @@ class ServiceCheck(Oracle):
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
         if epoch.contingency:
             if t_ns - self._late_ns > self._beat_ns and not self._is_late(t_ns):
-                self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
+                self._called.append((t_ns, epoch, phase))  # the next ALIVE shows which PEs take part
         else:
             self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
 
@@ -208,20 +209,20 @@ class ServiceCheck(Oracle):
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
-        """Ask the oracle what could be served with those who take part."""
+        """Compare with what could be served by the PEs that take part."""
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
-        asked_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
-        failed = self._held_at(asked_ns, t_ns)
-        known = dict.fromkeys((phase, *self._phases_in(asked_ns, t_ns)))
+        planned_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
+        failed = self._held_at(planned_ns, t_ns)
+        known = dict.fromkeys((phase, *self._phases_in(planned_ns, t_ns)))
         nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
         stories = [self._falls_short(epoch, now) for now in nows]
         if None not in stories:
             yield Violation(t_ns, "service", f"{stories[0]} with {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Say what an epoch serves, if that is less than could be served in a situation."""
+        """Sentence on what an epoch serves, if that is less than could be served in a situation; else None."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
@@ -258,7 +259,7 @@ class ServiceCheck(Oracle):
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """What is down in a time in which nothing changes; None where nobody can tell."""
+        """What is down in a time in which nothing changes; None where that cannot be known."""
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):
@@ -271,15 +272,15 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase)
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """From when to when nobody ran anything in the start-up window of a reign."""
-        for began_ns in self._is_active:
+        """From when to when no PE ran anything in the start-up window of a mastership."""
+        for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
                 if first_ns < last_ns:
                     yield first_ns, last_ns
 
     def _could_serve(self, name: str, now: Situation) -> bool:
-        """Tell whether the oracle serves everything of a function's class, and of those above."""
+        """Tell whether the planner serves everything of a function's class, and of those above."""
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
         if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):

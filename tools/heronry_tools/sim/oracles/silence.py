@@ -1,10 +1,11 @@
-"""The silence of a manager stops nobody: where nothing but managers failed, every function is heard all the time.
+"""The silence of a manager stops no function: where nothing but managers failed, every function is heard all the time.
 
-With `without_manager: safe_mode` that is promised to what is critical alone.
+With `without_manager: safe_mode` that is promised for critical functions alone.
 
-What silenced it struck at any time between what was heard last and the moment at which the next should have been.
+The fault that silenced a function was injected at some time between its last output and the moment at which the next
+one was due.
 
-What is not judged: a run in which anything else was struck too.
+Not verified: a run in which a fault was injected into anything else, too.
 """
 
 from collections.abc import Iterable
@@ -19,7 +20,7 @@ from heronry_tools.sim.oracles.violation import Violation
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, since_ns: int, now_ns: int
 ) -> list[Violation]:
-    """Give the outages from a time up to now in a run in which nothing was done to anybody but managers."""
+    """Give the outages from a time up to now in a run in which nothing was done to anything but managers."""
     if any(target not in MANAGERS for target in targets):
         return []
     story = "was not heard, and nothing but a manager had failed"

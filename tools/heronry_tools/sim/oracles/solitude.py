@@ -1,7 +1,8 @@
-"""Which PEs have heard nobody for T_lease, and when that ended: who may have missed a word tells less (rule 8).
+"""Which PEs heard no node for T_lease, and when that ended: they may have missed a command (protocol rule 8).
 
-As the frames of its uplink show: nobody else spoke there, or it did not, since its wire was broken or it stood still.
-Who was started anew knows nothing of what was before, and nobody knows who heard whom while a bus was in two parts.
+As the frames of a PE's uplink show: no other node sent there, or the PE did not, since its wire was broken or it stood
+still. A PE that was started anew knows nothing of what was before, and while a bus is in two parts it cannot be known
+which node heard which.
 """
 
 from heronry_dg.model import Spec
@@ -12,20 +13,20 @@ _SLOWER_PPM = 1_000  # clocks run apart, a PE's and ours: a silence that is as g
 
 
 class Solitude:
-    """Follows who speaks on each bus."""
+    """Follows which nodes send on each bus."""
 
     def __init__(self, spec: Spec) -> None:
-        """Everybody has heard somebody."""
+        """Begin with every PE having heard another node."""
         self._on = {bus: {pe for pe in spec.pes if uplink_bus(spec, pe) == bus} for bus in spec.buses}
         lease_ns = {name: LEASE_PERIODS * bus.heartbeat_ns for name, bus in spec.buses.items()}
         self._silence_ns = {bus: ns * (10**6 - _SLOWER_PPM) // 10**6 for bus, ns in lease_ns.items()}
-        self._last: dict[str, tuple[str, int, int]] = {}  # by bus: who spoke last, when, and when anybody else did
+        self._last: dict[str, tuple[str, int, int]] = {}  # by bus: its last sender, when, and when another one sent
         self._spoke_ns: dict[tuple[str, str], int] = {}  # by bus and speaker
         self._incarnations: dict[str, int] = {}
         self._ended_ns: dict[str, int] = {}
 
     def ended_ns(self, pe: str) -> int:
-        """Give when a PE heard somebody again, the last time; 0 if it always did."""
+        """Give when a PE heard another node again, the last time; 0 if it always did."""
         return self._ended_ns.get(pe, 0)
 
     def heard(self, t_ns: int, bus: str, speaker: str) -> None:
@@ -42,7 +43,7 @@ class Solitude:
         self._last[bus] = (speaker, t_ns, other_ns if speaker == last else last_ns)
 
     def started(self, t_ns: int, pe: str, incarnation: int) -> None:
-        """A PE says which incarnation it is."""
+        """A PE reports its incarnation."""
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation
             self._end(t_ns, {pe})

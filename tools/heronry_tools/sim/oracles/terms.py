@@ -1,22 +1,23 @@
-"""Who reigns, judged from the frames of the managers' bus: a term has one manager, and nobody goes back to an older.
+"""Which manager is active, verified from the managers' bus: a term has one manager, and no node goes back to an older.
 
 - At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
-  from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
-  their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
-  bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
-  clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`. With a
-  key neither believes the other one before its TAG; where both are sent at once and are the same, as everything before
-  them was, there is one frame, and neither hears it.
+  from one manager's identifiers, and a manager's own terms never go down. Two managers that were given one node-ID each
+  have their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While
+  their bus is broken in the middle they cannot, and both may be active in one term, each over its own half. Nor can one
+  that the clash of their frames has put off the bus: that time begins anew with the manager that was silent for
+  `_APART_PERIODS`. With a key neither believes the other one before its TAG; where both are sent at once and are the
+  same, as everything before them was, there is one frame, and neither hears it.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
-  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up,
-  later, one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
+  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never runs,
+  later, one that was given by a lower term at most. Only the PE's own states count: a gateway may hand them on out of
+  order.
 - In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
-  found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
-- Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
-  but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
-  the other one takes: what one of them prepared first may be another epoch of the other one (`manager_copied`).
+  found no PE that runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
+- No manager gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was
+  adopted, but with the digest that it had. Of two stations that each have a copy of one journal neither can know which
+  numbers the other one takes: what one of them prepared first may be another epoch of the other one (`manager_copied`).
 
-What a deposed manager still says is judged here alone: nobody else has to believe it (`active_term`).
+What a deposed manager still sends is verified here alone: the other oracles leave it out (`active_term`).
 """
 
 from heronry_dg.model import Spec
@@ -30,7 +31,7 @@ _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
 class TermCheck(Oracle):
-    """Follows commands, and the epochs that PEs say they run."""
+    """Follows commands, and the epochs that PEs report."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         super().__init__()
@@ -40,7 +41,7 @@ class TermCheck(Oracle):
         self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
         self._has_key, self._is_split, self._bus = has_key, False, spec.manager.bus
         self._mastership = ActiveTerm(spec, has_key=has_key)
-        # By epoch: the first that announced it, and which station said so; "" on a former disk.
+        # By epoch: its first PREPARE, and the station that sent it; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
         self._twins: dict[str, str] = {}  # stations of one number, each by the other one
@@ -50,19 +51,19 @@ class TermCheck(Oracle):
         self._apart_ns = self._mastership.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
-        """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
+        """The managers' bus is broken in the middle, or whole again: managers that were apart have not met yet."""
         if bus == self._bus:
             self._is_split = is_split
             self._voices.clear()
 
-    def judge_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
-        """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
+    def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
+        """Verify a command on the managers' bus; tells whether its term is active, as far as a node there can know."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
             return own == self._mastership.number or self._mastership.is_claimed(own, station)
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
-            self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
+            self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both use term {term}")
         if term < self._own.get(station, 0):
             self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
         self._own[station] = max(term, self._own.get(station, 0))
@@ -73,7 +74,7 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station)
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
+        """A station has sent a TAG on the managers' bus: the command before it can be believed."""
         self._meet(t_ns, station, self._own.get(station, 0))
         self._mastership.tagged(t_ns, station)
 
@@ -82,14 +83,14 @@ class TermCheck(Oracle):
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
-    def judge_alive(self, t_ns: int, station: str, term: int) -> bool:
-        """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
+    def follow_alive(self, t_ns: int, station: str, term: int) -> bool:
+        """Verify an ALIVE on the managers' bus; tells whether its term is active, and can be believed."""
         if not self._has_key:
             self._meet(t_ns, station, term)
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """A manager has died: whoever is started there may know nothing."""
+        """A manager has died: one that is started there may know nothing."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:
@@ -112,7 +113,7 @@ class TermCheck(Oracle):
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Two stations that speak for one term must notice each other, unless their bus is broken in the middle."""
+        """Two stations that use one term must notice each other, unless their bus is broken in the middle."""
         if self._is_split:
             return
         voices = self._voices.setdefault(term, {})
@@ -122,11 +123,11 @@ class TermCheck(Oracle):
             return
         firsts_ns, lasts_ns = zip(*voices.values(), strict=True)
         if min(lasts_ns) - max(firsts_ns) > self._together_ns:
-            self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both speak for term {term}")
+            self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both use term {term}")
             voices.clear()
 
     def said(self, state: StateSaid) -> None:
-        """A PE says itself, on a bus, what it runs."""
+        """A PE reports itself, on a bus, what it runs."""
         bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return
@@ -134,7 +135,7 @@ class TermCheck(Oracle):
         term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, prepared.term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
-            story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
+            story = f"{self._pe_of_node[node]} runs epoch {page.epoch} of term {term}, after one of term {before}"
             self._tell(t_ns, "term", story)
         self._taken[bus, node] = (page.incarnation, page.epoch, prepared.term)
 

@@ -1,12 +1,12 @@
-"""No bus is asked for more than its budget on the way from one configuration to the next, in whichever order PEs go.
+"""No bus exceeds its budget on the way from one configuration to the next, in whichever order the PEs take the steps.
 
-When an epoch goes (the first GO or GO_ALL of it), what everybody runs until then is known from the states that were
-said, and who has let go before from those that say BROKEN. `heronry_dg.verify_transition` plays every order in which
-the PEs may take the steps from there, and must find room for all that they publish in each of them.
+When an epoch goes (the first GO or GO_ALL of it), what every PE runs until then is known from the states that were
+sent, and which PEs have stopped before from those in state BROKEN. `heronry_dg.verify_transition` plays every order in
+which the PEs may take the steps from there, and must find room for all that they publish in each of them.
 
-Judged is what is known: all that take part, and run anything, are ACTIVE in one epoch that was put together from its
-frames, or BROKEN in the next one. Where a radio has shrunk, its whole budget counts here; what it is asked for is
-`oracles.radio`'s to say.
+Verified is what is known: all PEs that take part, and run anything, are ACTIVE in one epoch that was put together from
+its frames, or BROKEN in the next one. Where a radio has shrunk, its whole budget counts here; what it is given is for
+`oracles.radio` to verify.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):
-    """Follows who runs what, and judges each epoch when it goes."""
+    """Follows what each PE runs, and verifies each epoch when it goes."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
         """`epochs` are those that were activated, by number, as they become known."""
@@ -36,7 +36,7 @@ class TransitionCheck(Oracle):
         self._breaking = 0
 
     def said(self, state: StateSaid) -> None:
-        """A PE says itself what it runs."""
+        """A PE reports itself what it runs."""
         self._told[state.pe] = state.page
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:

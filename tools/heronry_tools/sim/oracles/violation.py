@@ -1,9 +1,9 @@
-"""What a checker has to say."""
+"""What an oracle has found."""
 
 from typing import NamedTuple
 
 MISSED = "missed"
-"""Rule of what somebody has named that has not happened: no fault of the aircraft."""
+"""Rule of a fault that the user has named and that was not injected: no violation by the aircraft."""
 
 
 class Violation(NamedTuple):

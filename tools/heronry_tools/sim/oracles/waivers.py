@@ -1,8 +1,8 @@
-"""What cannot be promised, and when: while a fault of some kinds is around (`act`), and until all has come right again.
+"""What cannot be promised, and when: while a fault of some kinds is present, and until all has come right again.
 
-A waiver begins when its fault strikes and ends as long after the fault as something critical may be silent: one
-patience, and a second for planning, steps and first values. What is told of another moment is judged like any other;
-what may have begun at any time since an earlier one is not judged if it may have begun meanwhile.
+A waiver begins when its fault is injected and ends as long after the fault as something critical may be silent: one
+patience, and a second for planning, steps and first values. A violation of another moment counts like any other; one
+that may have begun at any time since an earlier moment does not count if it may have begun meanwhile.
 Where a fault leaves behind what comes to light much later (`lasting`), its waiver has no end.
 """
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from heronry_tools.sim.oracles.violation import Violation
 
 REPORTS = "reports"
-"""Rule of a waiver under which whatever a module reports may have seemed so."""
+"""Rule of a waiver under which a module's report need not be of a real fault."""
 
 
 @dataclass(slots=True)
 class Waiver:
-    """Rules that are not judged from one moment to another one; None: to the end."""
+    """Rules that are not verified from one moment to another one; None: to the end."""
 
     rules: frozenset[str]
     from_ns: int
@@ -25,7 +25,7 @@ class Waiver:
 
 
 class Waivers:
-    """Those of one flight."""
+    """The waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
         """`settling_ns`: how long after a fault its consequences may show."""
@@ -33,14 +33,14 @@ class Waivers:
         self._all: list[Waiver] = []
 
     def begin(self, rules: frozenset[str], now_ns: int) -> Waiver:
-        """Give a waiver that begins now; whoever ends its fault says when (`Waiver.to_ns`)."""
+        """Give a waiver that begins now; the code that ends its fault sets its end (`Waiver.to_ns`)."""
         waiver = Waiver(rules, now_ns)
         if rules:
             self._all.append(waiver)
         return waiver
 
     def cover(self, rule: str, t_ns: int, since_ns: int | None = None) -> bool:
-        """Tell whether a rule is not judged at a moment, or at some moment since another one."""
+        """Tell whether a rule is not verified at a moment, or at some moment since another one."""
         first_ns = t_ns if since_ns is None else since_ns
         return any(
             rule in one.rules
@@ -50,11 +50,11 @@ class Waivers:
         )
 
     def promised(self, violations: Iterable[Violation]) -> tuple[Violation, ...]:
-        """Give those of what was promised."""
+        """Give the violations that no waiver covers."""
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unverified_ns(self, end_ns: int) -> dict[str, int]:
-        """How much of the time up to `end_ns` each rule was not judged."""
+        """How many ns of the time up to `end_ns` each rule was not verified."""
         rules = frozenset[str]().union(*(one.rules for one in self._all))
         return {rule: self._length_ns(rule, end_ns) for rule in sorted(rules)}
 

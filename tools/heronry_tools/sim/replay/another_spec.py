@@ -1,8 +1,8 @@
 """Whether a recording can be of this spec at all.
 
-Two things tell: a slice that was sent whole, since its digest covers the spec's, and a plan that was called by its
-number, since its digest is on board then. One that fits is enough. Where none does, nothing of the reign is replayed,
-and the first of them says why.
+Two things show it: a slice that was sent whole, since its digest covers the spec's, and a plan that was called by its
+number, since its digest is on board then. One that fits is enough. Where none does, nothing of the mastership is
+replayed, and the first of them is the reason that is given.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,10 @@ from heronry_wire.pe_table import PeTable
 
 
 def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> Remark | None:
-    """Say that a reign was flown with another spec; None where it may be this one. `on_board`: what was made ahead."""
+    """Remark that a mastership was flown with another spec; None where it may be this one.
+
+    on_board: tables with the contingencies.
+    """
     called = {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))
     if not clues or any(fits for _, _, fits in clues):
@@ -24,14 +27,14 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
     t_ns, prepared, _ = clues[0]
     name = f"epoch {prepared.epoch} ({prepared.digest:06X})"
     if prepared.contingency:
-        text = f"{name} is no plan of {spec.name} that was made ahead: are spec and --contingencies the right ones?"
+        text = f"{name} is no contingency of {spec.name}: are spec and --contingencies the right ones?"
     else:
         text = f"{name} is no configuration of {spec.name}: is it the right spec?"
     return Remark(t_ns, text, differs=True)
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
-    """Give each time and epoch at which it can be told whether a reign is of this spec, and whether it is."""
+    """Give each time and epoch that show whether a mastership is of this spec, and whether it is."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}

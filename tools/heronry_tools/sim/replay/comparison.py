@@ -1,4 +1,4 @@
-"""A recorded reign beside its replay: which decisions are the same, and which only one of them took."""
+"""A recorded mastership beside its replay: which decisions are the same, and which only one of them has."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Taken = Literal["both", "recorded", "replayed"]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A decision, and who took it; `late_ns` is how much later the replay did, where both did."""
+    """A decision, and whether both have it; `late_ns` is how much later the replay took it, where both did."""
 
     decision: Decision
     taken: Taken
@@ -27,7 +27,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All of a reign, in the order of time."""
+    """All decisions and remarks of a mastership, in the order of time."""
 
     mastership: Mastership
     entries: list[Compared | Remark]
@@ -42,7 +42,7 @@ class Comparison:
 
 
 def compared(mastership: Mastership, rerun: Rerun) -> Comparison:
-    """Put a reign beside its replay."""
+    """Compare a mastership with its replay."""
     entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(mastership, rerun)]
     entries.sort(key=lambda entry: entry.t_ns)  # stable: of one moment the remarks come first
     return Comparison(mastership, entries)

@@ -1,8 +1,8 @@
 """A recording of a flight with a key, read as one without: what the key proves, and nothing else.
 
 The core that replays has no key: its own nonces and numbers would not be those of the recording. So the recording is
-put into plain words before it gets there, by what decides for a manager that stands by, too (`Authenticity`): sessions
-are those that the recorded WELCOMEs have opened.
+rewritten as one without a key first, by the code that decides for a standby manager, too (`Authenticity`): sessions are
+those that the recorded WELCOMEs have opened.
 
     a command          counts from its TAG on; the TAG is left out, and so is a command that was never proven
     pages 0 and 1      get their digest back, where the tag in its place fits
@@ -10,7 +10,7 @@ are those that the recorded WELCOMEs have opened.
     pages 2 and 3      are left out; so is every state that proves nothing
 
 A state that a manager which had just been restarted could not believe yet counts here, if the session before was still
-open: the replay may count on a PE a few periods sooner.
+open: a PE may be available in the replay a few periods sooner.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,11 +1,11 @@
-"""What a recording holds: the reigns of its managers, what each of them commanded, and what it heard meanwhile.
+"""What a recording holds: the masterships of its managers, what each manager commanded, and what it heard meanwhile.
 
-A *reign* is told by LEASE: who sends it (126 or 127), under which term. It begins T_lease before the first LEASE, which
-is how long a manager listens, and ends with the last one. A *decision* is the first PREPARE of an epoch, or the first
-ACTIVATE with a step; repetitions are none.
+A *mastership* is known by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before the first
+LEASE, which is how long a manager listens, and ends with the last one. A *decision* is the first PREPARE of an epoch,
+or the first ACTIVATE with a step; repetitions are none.
 
-A reign that does not begin in the recording cannot be replayed: what runs by then was decided before. It is told by its
-first LEASE, which speaks of an epoch.
+A mastership that does not begin in the recording cannot be replayed: what runs by then was decided before. It is
+recognized by its first LEASE, which names an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, told apart by the channel's name; the
 manager's is the one that is named as in the spec, or the only one, or the one that the user names. Of a replicated one
@@ -44,20 +44,20 @@ class Decision:
 
 @dataclass(slots=True)
 class Mastership:
-    """One manager's time in a recording; times in ns of the recording."""
+    """One mastership in a recording; times in ns of the recording."""
 
     node: int
     term: int
     first_ns: int  # of LEASE
     last_ns: int
-    epoch: int  # that the first LEASE speaks of; 0: none yet
+    epoch: int  # that the first LEASE names; 0: none yet
     heard: list[tuple[int, Frame]] = field(default_factory=list)  # by the manager, from when it began to listen
-    said: list[tuple[int, Command, Frame]] = field(default_factory=list)  # by it: its commands
+    said: list[tuple[int, Command, Frame]] = field(default_factory=list)  # its commands
     decisions: list[Decision] = field(default_factory=list)
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
     def calls_by_number(self) -> bool:
-        """Tell whether it called a contingency by its number: so it flew with some made ahead."""
+        """Tell whether it called a contingency by its number, and so flew with contingencies."""
         prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
         return any(isinstance(message, Prepare) and message.contingency for message in prepared)
 
@@ -76,7 +76,7 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 
 
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
-    """Frames of the manager's bus; raises UserError where it cannot be told which of several that is."""
+    """Frames of the manager's bus; raises UserError where it is unclear which of several that is."""
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:
         channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
@@ -93,8 +93,8 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
     return [one for one in on_the_bus if merge.take(names.index(one.channel), one.frame, one.time_ns)]
 
 
-def is_active(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
-    """Every reign on the manager's bus, in order of their first LEASE."""
+def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
+    """Every mastership on the manager's bus, in the order of their first LEASEs."""
     found: list[Mastership] = []
     for logged in frames:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
@@ -132,7 +132,7 @@ def note(decisions: list[Decision], decision: Decision | None) -> None:
 
 
 def _follow(found: list[Mastership], node: int, command: Command, logged: LoggedFrame) -> None:
-    """Count a command to the reign of its sender; a LEASE with another term begins a new one."""
+    """Add a command to the mastership of its sender; a LEASE with another term begins a new one."""
     t_ns, frame = logged.time_ns, logged.frame
     mastership = next((known for known in reversed(found) if known.node == node), None)
     message = decode_command(command, frame.data)

@@ -1,19 +1,19 @@
-"""One recorded reign, put through the manager's core again.
+"""One recorded mastership, put through the manager's core again.
 
-The core gets the frames that the manager heard, at the times of the recording, and its deadlines in between. What it is
-not told by the bus is when its planner answered, and with which of the plans that a manager may fly with: that is read
-off what it prepared next.
+The core gets the frames that the manager heard, at the times of the recording, and its deadlines in between. The bus
+does not show when the planner answered, and with which of the plans that a manager may fly with: that is taken from
+what the manager prepared next.
 
-- If the digest that was prepared is that of the best plan, of the greedy one, or of one made ahead, that is the answer,
+- If the digest that was prepared is that of the best plan, of the greedy one, or of a contingency, that is the answer,
   given when PREPARE was recorded.
-- If it is another configuration, and a legal one in the situation that the core asks about, the core is given just
-  that, so that the rest can be replayed; the difference is told, with what either plan is worth.
-- If nothing that was prepared later is legal in it, there was no answer in time: the next question overtook it, or the
+- If it is another configuration, and a legal one in the situation of the core's request, the core is given just that,
+  so that the rest can be replayed; the difference is a remark, with what either plan is worth.
+- If nothing that was prepared later is legal in it, there was no answer in time: the next request overtook it, or the
   plan was no better than what ran.
-- A LEASE that speaks of a configuration that would be planned now: the manager adopted it.
+- If a LEASE names a configuration that would be planned now, the manager adopted it.
 
-What the operator said is not on the bus. What followed from it is told as recorded and not replayed, and so is all that
-depends on it.
+The operator's orders are not on the bus. What followed from them is shown as recorded and not replayed, and so is all
+that depends on it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -48,11 +48,11 @@ from heronry_wire.management import decode_command
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send, Tick
 
-_EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before it is asked for here
+_EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before its request here
 _TOLD = {"pe_lost", "pe_absent", "pe_joined", "fault_reported", "fault_cleared", "phase_changed", "adopted"}
 _TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
 _NAMES = {
-    Source.CONTINGENCIES: "the plan made ahead",
+    Source.CONTINGENCIES: "the contingency",
     Source.PLANNER: "the best plan",
     Source.IMMEDIATE: "the greedy plan",
 }
@@ -60,7 +60,7 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Something that the core saw or thought on the way to its decisions."""
+    """A sentence on what led the core to its decisions, or on what differs."""
 
     t_ns: int
     text: str
@@ -78,7 +78,7 @@ class Planners:
     """The plans that a manager of a spec may fly with; each configuration by name, as a digest tells it."""
 
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
-        """`ahead`: what was made ahead, if anything was."""
+        """`ahead`: the contingencies, if there are any."""
         self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
         self._planner, self._compiler = Planner(spec), Compiler(spec)
         made = self.ahead.made
@@ -91,31 +91,31 @@ class Planners:
         """Digest by which PREPARE and LEASE name a configuration."""
         return self._compiler.configuration(configuration).digest
 
-    def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Give every plan that could answer a question, the likeliest first: a manager's, however it is fitted out."""
+    def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
+        """Give every plan that could answer a request, the likeliest first: with and without contingencies, solver."""
         found = set()
         for policy in self._fittings:
-            (instruction,) = policy.step(asked)
+            (instruction,) = policy.step(request)
             for answer in self._answers(policy, instruction):
                 if isinstance(answer.answer, PlanReady) and answer.source not in found:
                     found.add(answer.source)
                     yield _NAMES[answer.source], answer.answer.plan
 
     def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
-        """Let a policy come to an answer, with the exact planner behind it."""
+        """Answers of a policy, with those of the exact planner where it asks for them."""
         match instruction:
             case Answer():
                 yield instruction
-            case AskPlanner(asked):
-                plan = self._planner.plan(asked.now, asked.running)
-                for then in policy.step(PlannerAnswered(PlanReady(asked.request, plan))):
+            case AskPlanner(request):
+                plan = self._planner.plan(request.now, request.running)
+                for then in policy.step(PlannerAnswered(PlanReady(request.request, plan))):
                     yield from self._answers(policy, then)
             case PrePlan():  # pragma: no cover - nothing has settled
                 return
 
 
 class Rerun:
-    """The replay of one reign: `decisions` and `remarks` fill while it runs."""
+    """The replay of one mastership: `decisions` and `remarks` fill while it runs."""
 
     def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
@@ -137,7 +137,7 @@ class Rerun:
         self._until(self._mastership.last_ns)
 
     def _until(self, t_ns: int) -> None:
-        """Let pass what is due before a moment: deadlines, and answers of the planner."""
+        """Give the core what is due before a moment: deadlines, and answers of the planner."""
         while not self._ended:
             deadline_ns = self._core.next_deadline_ns()
             answer = self._answer
@@ -168,28 +168,28 @@ class Rerun:
         if told["event"] in _TOLD:
             subject = next((str(told[key]) for key in ("pe", "element", "phase", "epoch", "node") if key in told), "")
             detail = next((str(told[key]) for key in ("cause", "reason", "by") if key in told), "")
-            words = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
-            self.remarks.append(Remark(now_ns, f"{words}: {detail}" if detail else words))
+            text = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
+            self.remarks.append(Remark(now_ns, f"{text}: {detail}" if detail else text))
 
-    def _find_answer(self, now_ns: int, asked: RequestPlan) -> _Answer | None:
+    def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
         """Find out what the planner answered, and when; None where it did not, or not in time."""
-        likeliest_last = list(self._planners.plans(asked))[::-1]
+        likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
         prepared = [d for d in self._mastership.decisions if d.what == "PREPARE" and d not in self.decisions]
         following = next((d for d in prepared if d.t_ns >= now_ns - _EARLY_NS), None)
         adopted = self._adopted(now_ns, following)
         if adopted in known:
-            return _answer(now_ns, asked, *known[adopted])
+            return _answer(now_ns, request, *known[adopted])
         if following is None:
             return None
         at_ns = max(now_ns, following.t_ns)
         if following.digest in known:
-            return _answer(at_ns, asked, *known[following.digest])
-        recorded = self._as_plan(asked, self._recorded.get(following.digest))
-        return None if recorded is None else self._another(at_ns, asked, recorded, known)
+            return _answer(at_ns, request, *known[following.digest])
+        recorded = self._as_plan(request, self._recorded.get(following.digest))
+        return None if recorded is None else self._another(at_ns, request, recorded, known)
 
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
-        """Digest that LEASE speaks of though nothing has been prepared in this reign yet; None: there is none."""
+        """Digest that LEASE names though nothing has been prepared in this mastership yet; None: there is none."""
         if self.decisions:
             return None
         until_ns = self._mastership.last_ns if following is None else following.t_ns
@@ -197,30 +197,30 @@ class Rerun:
             (lease.digest for t_ns, lease in self._mastership.leases if now_ns <= t_ns < until_ns and lease.epoch), None
         )
 
-    def _as_plan(self, asked: RequestPlan, configuration: Configuration | None) -> Plan | None:
-        now, spec = asked.now, self._planners.spec
+    def _as_plan(self, request: RequestPlan, configuration: Configuration | None) -> Plan | None:
+        now, spec = request.now, self._planners.spec
         if configuration is None or verify(spec, now, configuration):
             return None
-        return make_plan(spec, now, configuration, score(spec, now, configuration, asked.running), optimal=False)
+        return make_plan(spec, now, configuration, score(spec, now, configuration, request.running), optimal=False)
 
     def _another(
-        self, at_ns: int, asked: RequestPlan, recorded: Plan, known: Mapping[int, tuple[str, Plan]]
+        self, at_ns: int, request: RequestPlan, recorded: Plan, known: Mapping[int, tuple[str, Plan]]
     ) -> _Answer:
         best = max((plan for _, plan in known.values()), key=lambda plan: plan.objective.key())
         worth = "worth the same" if recorded.objective.key() == best.objective.key() else "not worth the same"
         ours, theirs = (plan.objective.key() for plan in (best, recorded))
         text = f"another legal plan was made than the best one here, {worth}: {theirs}, here {ours}"
-        return _Answer(at_ns, PlanReady(asked.request, recorded), Remark(at_ns, text, differs=True))
+        return _Answer(at_ns, PlanReady(request.request, recorded), Remark(at_ns, text, differs=True))
 
 
-def _answer(at_ns: int, asked: RequestPlan, name: str, plan: Plan) -> _Answer:
-    without = f" without {', '.join(sorted(asked.now.down))}" if asked.now.down else ""
-    phase = f" in phase {asked.now.phase}" if asked.now.phase is not None else ""
-    return _Answer(at_ns, PlanReady(asked.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
+def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
+    without = f" without {', '.join(sorted(request.now.down))}" if request.now.down else ""
+    phase = f" in phase {request.now.phase}" if request.now.phase is not None else ""
+    return _Answer(at_ns, PlanReady(request.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
 
 
 def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:
-    """Configurations that were sent or called, and activated, in a reign, by digest."""
+    """Configurations that were sent or called, and activated, in a mastership, by digest."""
     commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
     for t_ns, command, frame in mastership.said:
         message = decode_command(command, frame.data)

@@ -1,1 +1,1 @@
-"""Scenario files: what is done to an aircraft, what is expected to be heard of it, and what it decided then."""
+"""Scenario files: what happens to an aircraft, what is expected to be heard of it, and what its manager decided."""

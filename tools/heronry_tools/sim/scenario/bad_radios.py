@@ -24,14 +24,14 @@ _NOTHING: CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "extended": False}]
 
 
 class Disturbance(NamedTuple):
-    """What a bus is like."""
+    """How much slower a bus is than it should be, and how many frames of a thousand receivers miss."""
 
     slowdown: int = 1
     loss_per_mille: int = 0
 
 
 def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
-    """What one bus is like at a time of the script."""
+    """Disturbance of one bus at a time of the script, in ns."""
     levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
         fault = deed.fault
@@ -42,7 +42,7 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """The radios of one flight; as a context manager it leaves them at the end."""
+    """The radios of one flight; as a context manager it closes its connections to them at the end."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
         """`channels` are the paths of hubs, by the name of the bus or of its channel; others are left alone."""
@@ -63,7 +63,7 @@ class BadRadios:
             client.shutdown()
 
     def next_ns(self, elapsed_ns: int) -> int | None:
-        """When something changes next, as the script counts."""
+        """Time of the script, in ns, at which something changes next; None where nothing does."""
         times = [
             time_ns
             for deeds in self._faults.values()
@@ -75,7 +75,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Make the radios what they are to be at this time."""
+        """Disturb the radios as the script has it at this time."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

@@ -1,7 +1,7 @@
-"""Expectations judged by what was heard: did it hold from when it had to, and if not, what was seen instead.
+"""Expectations evaluated by what was heard: whether each held from when it had to, and if not, what was seen instead.
 
-Something *holds since* the first of an unbroken chain of frames that say so, up to the end of what is judged; a chain
-breaks where a frame says otherwise, or where none comes for longer than is usual:
+An expectation *holds since* the first of an unbroken chain of frames that show it, up to the end of its time; a chain
+breaks where a frame shows otherwise, or where none comes for longer than is usual:
 
     outputs     two and a half periods of the slowest mode that makes them: one that is missing is no silence, two are
     data        the same
@@ -36,14 +36,14 @@ class Verdict:
 
 
 class Evaluation:
-    """Judges the expectations of one flight."""
+    """Evaluates the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
         """`start_ns` is the moment from which the script counts."""
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
     def verdict(self, one: Expectation) -> Verdict:
-        """Judge one expectation."""
+        """Evaluate one expectation."""
         if one.state in ("silent", "unchanged") or one.subject == "nothing":
             last_ns = self._last_against(one)
             within = last_ns is None or last_ns <= self._ns(one.from_ns + one.within_ns)
@@ -58,7 +58,7 @@ class Evaluation:
         kind, _, name = one.subject.partition(":")
         marks, patience_ns = self._marks(one, kind, name)
         until_ns = self._ns(one.until_ns)
-        if patience_ns is None:  # once it is said, it is said
+        if patience_ns is None:  # one report is enough
             from_ns = self._ns(one.from_ns)
             return next((t for t, says in marks if says and from_ns <= t <= until_ns), None)
         return holds_since(marks, patience_ns + self._slack_ns, until_ns)
@@ -86,7 +86,7 @@ class Evaluation:
                 return [(t, element == one.subject) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """When something was last heard, in the time that is judged, that ought not to be."""
+        """When a frame was last heard, in the time of the expectation, that contradicts it."""
         kind, _, name = one.subject.partition(":")
         heard = self._heard
         match kind:
@@ -107,7 +107,7 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Epoch that was named last before a moment; the first one of all where there was none."""
+        """Epoch that a state named last before a moment; the first one of all where there was none."""
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
@@ -138,12 +138,12 @@ class Evaluation:
                 return "it was so all the time"
             return f"it was so from {self._s(since_ns)} on, {self._after(one, since_ns)}"
         if one.state == "reported":
-            return f"up to {self._s(self._ns(one.until_ns))} nobody said so"
+            return f"up to {self._s(self._ns(one.until_ns))} no PE reported it"
         told = self._last_words(one)
         return f"at {self._s(self._ns(one.until_ns))} it was not so; heard last was {told or 'nothing'}"
 
     def _last_words(self, one: Expectation) -> str | None:
-        """What was heard last of a subject, and when."""
+        """Sentence on what was heard last of a subject, and when."""
         kind, _, name = one.subject.partition(":")
         heard, until_ns = self._heard, self._ns(one.until_ns)
         match kind:

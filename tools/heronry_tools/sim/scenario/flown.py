@@ -1,4 +1,4 @@
-"""What a flight of a script gave, wherever it was flown."""
+"""The result of a flight of a script, in the simulator or with real processes."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ class Flown:
     verdicts: tuple[Verdict, ...]
     violations: tuple[str, ...]
     trace: tuple[str, ...]
-    differences: tuple[str, ...] | None = None  # from the golden trace; None where there is none to hold it against
+    differences: tuple[str, ...] | None = None  # from the golden trace; None where there is none
     digest: str = ""  # of all frames, in the simulator
 
     @property
     def holds(self) -> bool:
-        """Tell whether all is as it was expected, and as it was before."""
+        """Tell whether every expectation holds, nothing is broken, and the trace is as before."""
         return not (self.violations or self.differences) and all(verdict.holds for verdict in self.verdicts)

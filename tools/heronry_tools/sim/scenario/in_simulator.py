@@ -1,8 +1,8 @@
 """A script flown in the simulator: virtual time, the flight cores, everything from the script's seed.
 
-Beside what the script expects, all that the simulator's judges know is judged, as in a flight that a seed draws
-(`end_of_flight`): what must never be, silence for which there is no need, and, once whatever can be ended has been
-ended after the script's end, that all comes right again. A core that dies ends the flight, and fails it.
+Beside what the script expects, the simulator's oracles verify all that they know, as in a flight that a seed draws
+(`end_of_flight`): what must never be, silence for which there is no need, and, once all faults that can be ended have
+been ended after the script's end, that all comes right again. A core that dies ends the flight, and fails it.
 """
 
 from collections.abc import Iterator
@@ -54,7 +54,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
         violations = _end(flight, script, injections)
     except UserError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+    except Exception as error:  # noqa: BLE001 - any death of a core is what is looked for
         violations = [str(violation) for violation in ended_by(flight, error)]
     evaluation = Evaluation(script.spec, heard, _start_ns(flight))
     return Flown(
@@ -70,7 +70,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
 
 
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
-    """Do what the script says, up to its end; gives the lines of the deeds, and how many events there were before."""
+    """Do what the script says, up to its end; gives its deeds: how many events were before, and the trace line."""
     _begin(flight, script)
     start_ns = _start_ns(flight)
     injections, deeds = Injections(flight, script.faults, start_ns), []
@@ -83,17 +83,17 @@ def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[in
 
 
 def _end(flight: Simulation, script: Script, injections: Injections) -> list[str]:
-    """Bring the flight to its end; gives what must not be."""
+    """End the flight; gives what must not be, as sentences."""
     injections.injected += _injected(flight, script)
     violations = end_flight(flight, injections, (deed.target for deed in script.deeds))
     return [*_missed(script, injections), *map(str, flight.waivers.promised(violations))]
 
 
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
-    """Give what was done besides faults, as far as it can be judged.
+    """Give what was done besides faults, as far as its effects can be verified.
 
-    Of two managers the death of one is an instant, since the other one reigns. When an actuator that sticks is noticed
-    is for the monitors.
+    Of two managers the death of one is an instant, since the other one takes over. When an actuator that sticks is
+    noticed depends on the monitors.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):
@@ -108,7 +108,7 @@ def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
 
 
 def _missed(script: Script, injections: Injections) -> Iterator[str]:
-    """Say which faults have struck nothing, or not in the state that the script names."""
+    """Sentences on faults that were not injected, or not in the state that the script names."""
     for deed in script.deeds:
         story = None if deed.fault is None else not_injected(deed.fault, deed.text, injections)
         if story is not None:
@@ -132,7 +132,7 @@ def _do(flight: Simulation, script: Script, deed: Deed) -> None:
     try:
         match deed.what, deed.target:
             case "fault", _:
-                pass  # the strikes see to it
+                pass  # it is injected by `Injections`
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")
             case "kill", target if target in MANAGERS:
@@ -153,13 +153,13 @@ def _say(flight: Simulation, deed: Deed) -> None:
     """Let the operator give an order."""
     reply = flight.operator.say(ORDERS[deed.what](deed.target))
     if reply is None:
-        raise UserError(f"'{deed.text}': no manager reigns then that could hear it; say it at another time")
+        raise UserError(f"'{deed.text}': no manager is active then that could accept it; do it at another time")
     if not reply.done:
         raise UserError(f"'{deed.text}': {reply.sentence}")
 
 
 def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:
-    """Put what was done among what was decided."""
+    """Lines of the trace: what was done, and what the manager decided, in the order of time."""
     lines, waiting = [], list(deeds)
     for number, event in enumerate(flight.events):
         while waiting and waiting[0][0] <= number:

@@ -1,14 +1,13 @@
-"""A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
+"""A script flown for real: the managers and every PE as processes of their own, on software buses or on a given bus.
 
-Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, what is
+Time is real, and the computer does other things too: outputs are given 100 ms more before they count as silent, what is
 expected where a process is started has 3 s more to come true, and no golden trace is compared; `--patience N` makes the
-first N times as long, and what is expected within a time may then take N times that. Partitions load their
-code when their first module is started, so times count from when all that the first configuration serves has been
-heard; what is not heard in LOADING_S is left to the expectations. What can be done to processes is in `process_deeds`,
-and a radio can be made a bad one (`bad_radios`); other faults of wires, clocks and controllers can be made in the
-simulator alone.
+first N times as long, and what is expected within a time may then take N times that. Partitions load their code when
+their first module is started, so times count from when all that the first configuration serves has been heard; what is
+not heard in LOADING_S is left to the expectations. What can be done to processes is in `process_deeds`, and a radio can
+be disturbed (`bad_radios`); other faults of wires, clocks and controllers can be injected in the simulator alone.
 
-The flight ends with everything that it has started, whichever way it ends (`Fleet`).
+When the flight ends, for whatever reason, everything that it has started is ended (`Fleet`).
 """
 
 import argparse
@@ -52,7 +51,7 @@ _LONGEST_WAIT_S = 0.1
 
 
 def check(script: Script) -> None:
-    """Refuse what cannot be done to processes, or judged; raises UserError."""
+    """Refuse a script without expectations, or with deeds that cannot be done to processes; raises UserError."""
     if not script.expectations:
         raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
     for deed in script.deeds:
@@ -89,7 +88,7 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
 
 
 def _made_ahead(script: Script) -> Contingencies | None:
-    """Make the plans that the script asks for."""
+    """Make the contingencies that the script asks for."""
     return None if script.contingencies is None else plan_ahead(script.spec, script.contingencies)
 
 
@@ -129,11 +128,11 @@ class _Show:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
         self._patience = patience
         self._heard = Observations(script.spec)
-        self._deeds = list(script.deeds)  # that have not been told
+        self._deeds = list(script.deeds)  # that are not in the trace yet
         self._steps = steps(script.deeds)
         self._events: dict[int, EventStream] = {}  # by the manager's node
         self._starting_ns = {step.deed.at_ns for step in self._steps if step.what == "restore"}
-        self._injected: dict[int, int] = {}  # by the line of a deed, the node of the manager that it struck
+        self._injected: dict[int, int] = {}  # by the line of a deed: the node of its manager
         self._served: list[str] = []  # functions, by the last plan
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
@@ -155,12 +154,12 @@ class _Show:
                 self._follow(event)
             self._take_frames()
             self._begin()
-            self._fault()
-            words = self._fleet.ended()
-            if words is None and self._start_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
-                words = f"no configuration ran within {_LONGEST_START_S:.0f} s"
-            if words is not None:
-                raise UserError(f"{self._script.file}: {words}")
+            self._do_what_is_due()
+            problem = self._fleet.ended()
+            if problem is None and self._start_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
+                problem = f"no configuration ran within {_LONGEST_START_S:.0f} s"
+            if problem is not None:
+                raise UserError(f"{self._script.file}: {problem}")
         assert self._start_ns is not None
         evaluation = Evaluation(self._script.spec, self._heard, self._start_ns, int(SLACK_NS * self._patience))
         return Flown(
@@ -173,7 +172,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Let what is expected come true later with patience, and where a process is started first."""
+        """Give an expectation more time, by patience, and where a process is started first."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -202,7 +201,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Let the script begin when all that the first configuration serves is heard."""
+        """Begin the script when every function that the first configuration serves is heard."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions
@@ -215,7 +214,7 @@ class _Show:
         for seconds, frame in self._ear.hear():
             self._heard.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
 
-    def _fault(self) -> None:
+    def _do_what_is_due(self) -> None:
         while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():
             deed = self._deeds.pop(0)
             self._trace.append(deed_line(deed.at_ns / 1e9, deed.text))
@@ -238,7 +237,7 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Inject the manager that is meant, and end that for the very one that was struck."""
+        """Do a step to the manager that the deed names; its last step to the same manager as its first."""
         node = self._injected.get(step.deed.line) if step.is_last else MANAGERS[step.target]
         if node is None:
             node = FIRST_MANAGER if step.what == "restore" else self._fleet.active_manager()

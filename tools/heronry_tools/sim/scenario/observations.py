@@ -1,8 +1,8 @@
-"""What was heard of an aircraft on its managers' bus, with times: the only thing that expectations are judged by.
+"""What was heard of an aircraft on its managers' bus, with times: the only thing that expectations are evaluated by.
 
 Outputs come from the witness (echoes of actuators, frames of outputs); data, states of PEs, EMCYs and LEASEs from their
-own frames. Nothing that a manager thinks gets here. All is kept until the flight is over and judged then, so a flight
-in the simulator and one of real processes are judged alike.
+own frames. Events of a manager are not used. All is kept until the flight is over and evaluated then, so a flight in
+the simulator and one of real processes are evaluated alike.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management
 from heronry_wire.management import ElementKind, FaultCode, decode_emergency
 from heronry_wire.state_frames import StatePage0, decode_state
 
-_ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED, FaultCode.CHANNEL_BACK)
+_REPORTS_NO_FAULT = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED, FaultCode.CHANNEL_BACK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Heard:
 
 @dataclass(slots=True)
 class Observations:
-    """Everything that was heard, in order."""
+    """Everything that was heard, in the order of time."""
 
     spec: Spec
     outputs: list[Output] = field(default_factory=list)
@@ -78,7 +78,7 @@ class Observations:
 
     def _report(self, t_ns: int, frame: Frame) -> None:
         emergency = decode_emergency(frame.data)
-        if isinstance(emergency, Malformed) or emergency.code in _ACCUSES_NOBODY:
+        if isinstance(emergency, Malformed) or emergency.code in _REPORTS_NO_FAULT:
             return
         if emergency.kind is ElementKind.CHANNEL:
             buses = self.spec.pes[self._pe_of_emergency[frame.can_id]].buses

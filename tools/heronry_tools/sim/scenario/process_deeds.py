@@ -1,7 +1,7 @@
 """What is done to real processes, step by step: the orders of a script, kills, and faults that are two steps.
 
 A death that is over after a while is a kill and a restore; a pause is a SIGSTOP and a SIGCONT. A fault that waits for a
-state of the protocol cannot be made: nobody here knows it in time.
+state of the protocol cannot be injected: the state is not known here in time.
 """
 
 from collections.abc import Iterable, Iterator
@@ -29,7 +29,7 @@ class Step:
 
     @property
     def target(self) -> str:
-        """What it is done to."""
+        """Element or manager that it is done to."""
         return self.deed.target
 
 

@@ -1,4 +1,4 @@
-"""What came of scenarios: for people, as JSON, and as JUnit."""
+"""Results of scenarios: as text, as JSON, and as JUnit."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,7 +9,7 @@ from heronry_tools.sim.scenario.flown import Flown
 
 
 def text_report(flown: Flown) -> list[str]:
-    """Lines for people: one where all holds, else what was expected and what was seen."""
+    """Lines of text: one where all holds, else also what was expected and what was seen."""
     file, count = flown.script.file, len(flown.verdicts)
     head = f"{file}: {'holds' if flown.holds else 'FAILS'} ({flown.seconds:g} s in {flown.where}, {count} expected)"
     lines = [f"  {_failed(flown, verdict)}" for verdict in flown.verdicts if not verdict.holds]

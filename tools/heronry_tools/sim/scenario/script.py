@@ -6,8 +6,8 @@
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     standby                                                there are two managers, 126 and 127
     keyed                                                  managers and PEs have a key
-    unforeseen                                             nothing was planned ahead: the greedy plan flies at once, and
-                                                           the best one follows at leisure (simulator)
+    unforeseen                                             nothing is pre-planned: the greedy plan flies immediately,
+                                                           and the best one follows in the background (simulator)
     without pe:tail_pe                                     is not there from the start
     contingencies 1                                        plans for up to so many faults are made ahead, and on board
     at 2.0s kill pe:control_pe
@@ -19,11 +19,11 @@ What stands on lines of its own may stand on one, with ';' between.
 Times are seconds from the moment at which the first configuration runs. What is done:
 
     kill|restore pe:NAME|manager|primary|standby
-    phase NAME       fail|clear KIND:NAME       (the last three: the operator's word)
+    phase NAME       fail|clear KIND:NAME       (the last three: an order of the operator)
     stick device:NAME                  the device answers, and shows what it showed last (simulator)
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
 
-What is expected counts from the last `at` above it, and is judged until something else is done, or to the end:
+What is expected counts from the last `at` above it, and is evaluated until something else is done, or to the end:
 
     function:F served [by MODULE] within TIME|throughout        function:F silent within TIME
     variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on that bus get it
@@ -55,7 +55,7 @@ ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] =
     "fail": FailElement,
     "clear": ClearElement,
 }
-"""What the operator may say, by its word in a script."""
+"""Orders of the operator, by their word in a script."""
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
@@ -78,7 +78,7 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """What is done, and when; `fault` is an act of the simulator (what is "fault"), else `what` is done to `target`."""
+    """What is done, and when: a `fault` that is injected (`what` is "fault"), or `what` is done to `target`."""
 
     line: int
     at_ns: int
@@ -90,7 +90,7 @@ class Deed:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """`subject` is in `state` from `within_ns` after `from_ns` on, up to `until_ns`."""
+    """`subject` must be in `state` from `within_ns` after `from_ns` on, up to `until_ns`; times of the script."""
 
     line: int
     subject: str
@@ -123,7 +123,7 @@ class Script:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """What is done that only a simulator can do."""
+        """Faults that the simulator injects, in the order of the script."""
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
 
@@ -167,7 +167,7 @@ class _Reader:
 
     def _finished(self) -> Script:
         if not any(self.why):
-            self._refuse("nobody knows why it exists; begin with a comment that says so")
+            self._refuse("it does not say why it exists; begin with a comment that does")
         if self.spec is None:
             self._refuse("it names no spec; write for example 'spec big_blue'")
         if self.end_ns is None:
@@ -221,7 +221,7 @@ class _Reader:
                 )
 
     def _prepared(self, words: list[str]) -> bool:
-        """Read what is said of the aircraft before anything is done; tells whether it can be read."""
+        """Read a line on the aircraft before anything is done; tells whether it can be read."""
         match words:
             case ["standby"]:
                 self.has_standby = True
@@ -269,7 +269,7 @@ class _Reader:
         self.deeds.append(deed)
 
     def _in_turn(self, deed: Deed) -> None:
-        """Kill what runs, restore what does not."""
+        """Refuse to kill what does not run, and to restore what does."""
         before = [d.what for d in self.deeds if d.target == deed.target and d.what in ("kill", "restore")]
         runs = before[-1] == "restore" if before else deed.target not in self.without
         if runs != (deed.what == "kill"):
@@ -317,7 +317,7 @@ class _Reader:
                 self._element(subject)
             case _:
                 example = _EXAMPLES.get(kind, _EXAMPLES["function"])
-                self._refuse(f"nobody can tell whether '{subject}' is '{state}'; write for example '{example}'")
+                self._refuse(f"it cannot be heard whether '{subject}' is '{state}'; write for example '{example}'")
 
     def _function(self, name: str, by: str | None) -> None:
         assert self.spec is not None
@@ -334,7 +334,7 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {_hint(name, self.spec.variables, 'there is')}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Say until when something is expected, and that there is time for it."""
+        """Give an expectation its end; refuses one that has no time to come true before it."""
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:
             self.number = one.line

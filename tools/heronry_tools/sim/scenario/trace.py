@@ -1,7 +1,7 @@
 """The decision trace: what was done, and what the manager decided upon it, one line each, to be read as a diff.
 
-No times and no plans stand in it: it changes when a decision does, and not when a frame gets a byte longer. (Whether
-decisions came in time is for expectations.) Suspicions are left out, since most suspects answer.
+It has no times and no plans: it changes when a decision does, and not when a frame gets a byte longer. (Whether
+decisions came in time is for expectations.) Suspected PEs are left out, since most of them answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """
@@ -15,51 +15,51 @@ from heronry_tools.console.errors import UserError
 
 _LINES: Mapping[str, str] = {
     "manager_started": "manager {node} starts, term {term}",
-    "second_manager": "manager {node} reigns too, term {term}",
+    "second_manager": "manager {node} is active too, term {term}",
     "pe_lost": "{pe} is lost: {cause}",
     "pe_absent": "{pe} is absent: {cause}",
     "pe_heard_again": "{pe} is heard again: {cause}",
     "pe_joined": "{pe} joins: {cause}",
-    "module_restarted": "{element} failed and begins again on {by} ({times})",
-    "fault_reported": "{element} has failed, says {by}",
-    "fault_cleared": "{element} is well again, says {by}",
-    "link_limited": "{bus} has {share} of its bandwidth, says {by}",
-    "link_gone": "{bus} is gone, says {by}",
-    "link_back": "{bus} is back, says {by}",
-    "channel_lost": "channel {channel} carries nothing, says {by}",
-    "channel_back": "channel {channel} is back, says {by}",
-    "phase_changed": "phase {phase}, asked for by {by}",
+    "module_restarted": "{element} failed and is restarted on {by} ({times})",
+    "fault_reported": "{element} has failed, reported by {by}",
+    "fault_cleared": "{element} is cleared by {by}",
+    "link_limited": "{bus} has {share} of its bandwidth, reported by {by}",
+    "link_gone": "{bus} is gone, reported by {by}",
+    "link_back": "{bus} is back, reported by {by}",
+    "channel_lost": "channel {channel} carries nothing, reported by {by}",
+    "channel_back": "channel {channel} is back, reported by {by}",
+    "phase_changed": "phase {phase}, requested by {by}",
     "adopted": "epoch {epoch} is adopted as it runs",
     "plan_failed": "no plan: {reason}",
     "plan_unchanged": "everything runs as planned",
-    "plan_kept": "what runs is left alone",
-    "epoch_abandoned": "epoch {epoch} is given up: {reason}",
+    "plan_kept": "the running configuration is kept",
+    "epoch_abandoned": "epoch {epoch} is abandoned: {reason}",
     "epoch_step": "epoch {epoch}: {step}",
     "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
-    "journal_failed": "the journal cannot be kept: {problem}",
-    "journal_kept": "the journal is kept again",
-    "standing_by": "this manager stands by: manager {node} reigns, term {term}",
-    "stepped_down": "this manager steps down: manager {node} reigns, term {term}",
-    "refused": "this manager is heard by most PEs as none, and begins anew",
-    "hears_nobody": "this manager hears nobody any more, and says nothing",
+    "journal_failed": "the journal cannot be written: {problem}",
+    "journal_kept": "the journal is written again",
+    "standing_by": "this manager stands by: manager {node} is active, term {term}",
+    "stepped_down": "this manager steps down: manager {node} is active, term {term}",
+    "refused": "most PEs hear no manager although this one sends: it begins a new term",
+    "hears_nobody": "this manager hears no node any more and stops sending",
     "taken_over": "the standby takes over, term {term}",
     "stopped": "the manager ends: {reason}",
 }
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Line for something that is done."""
+    """Line for a deed of the script, at its time."""
     return f"--- at {seconds:g}s {text}"
 
 
 def event_line(event: Mapping[str, Any]) -> str | None:
-    """Line for an event of the manager; None where it is no decision."""
+    """Line for an event of the manager; None where the event is no decision."""
     kind = event["event"]
     if kind == "reconfigured":
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
         return f"epoch {event['epoch']} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
     if kind == "epoch_prepared" and event["contingency"]:
-        return f"epoch {event['epoch']} is called by its number: {event['contingency']}"
+        return f"epoch {event['epoch']} is contingency {event['contingency']}, called by its number"
     template = _LINES.get(kind)
     return None if template is None else template.format_map(event)
 
@@ -93,5 +93,5 @@ def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
 
 
 def keep(file: Path, trace: Iterable[str]) -> None:
-    """Make a trace the golden one."""
+    """Write a trace as the golden one of its scenario file."""
     golden_file(file).write_text("".join(f"{line}\n" for line in trace), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Sentences that have changed, and the proof that nothing else has."""
