@@ -1,1 +1,3 @@
-"""The commands of `heronry`, one file each: arguments in, an exit code out; the work is done in the rooms below."""
+"""The commands of `heronry`, one file each: arguments in, an exit code out; the packages beside this one do the
+work.
+"""
