@@ -57,7 +57,7 @@ class _Room:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave; what goes before it by then, in bits, and how much of that always does."""
+    """A moment at which a message could leave; what goes before it by then, in bits, and the part that always does."""
 
     end: int
     always: int
@@ -136,8 +136,8 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that more urgent messages on two buses leave this one the time to cross both: ns,
-        rounded down.
+        """Return the condition that more urgent messages leave this one time to cross two buses; in ns, rounded
+        down.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}

@@ -1,3 +1,1 @@
-"""The commands of `heronry`, one file each: arguments in, an exit code out; the packages beside this one do the
-work.
-"""
+"""The commands of `heronry`, one file each: arguments in, an exit code out; other packages do the work."""

@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the buses; returns the exit code."""
-    from heronry_dg.bus_schedule import bus_schedules  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.bus_schedule import bus_schedules  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.buses import document, print_buses  # noqa: PLC0415
 

@@ -64,7 +64,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_seconds,
         default=0.0,
-        help="begin at this time after take-off: at 90 the balloon is about to be cut, from 240 on the aircraft stands again",
+        help="begin so many seconds after take-off: at 90 the balloon is about to be cut, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     add_contingencies_argument(parser, "to fly with and to carry on board")

@@ -1,5 +1,4 @@
-"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation, and verify any
-configuration.
+"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation; verify any other.
 
 Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2 the input cannot be used.
 """
@@ -68,7 +67,7 @@ def add_parsers(subparsers: Any) -> None:
         "--planner",
         choices=("exact", "greedy"),
         default="exact",
-        help="exact: the best plan, with proof (default); greedy: a legal one without a search, as the manager uses until the best is known",
+        help="exact: the best plan, with proof (default); greedy: a legal plan without a search",
     )
     plan.add_argument(
         "--effort",
@@ -104,7 +103,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
 
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
-    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_dg.situation import situation  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.plan import print_plan  # noqa: PLC0415

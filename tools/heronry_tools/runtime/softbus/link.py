@@ -1,9 +1,9 @@
 """The command socket of a client: one frame in the mailbox, and one answer to each command.
 
 What it decides: whether the next frame may be offered. The mailbox is full from the offer until the hub's
-`DONE` has been read, which happens when somebody sends, asks, or waits for the mailbox.
+`DONE` has been read, which happens when a caller sends, gives a command, or waits for the mailbox.
 
-Threads may share a link: a lock makes one send or ask at a time, and the time spent waiting for it counts
+Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for it counts
 towards the caller's time-out. The time-out None waits for ever, 0 not at all.
 
 What if: the hub is gone (the socket ends) or refuses this client: CanOperationError with a sentence. The hub
