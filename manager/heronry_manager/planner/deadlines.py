@@ -136,9 +136,7 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that more urgent messages leave this one time to cross two buses; in ns, rounded
-        down.
-        """
+        """Return the condition that a message has time to cross two buses beside more urgent ones: ns, rounded down."""
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
         for one, moment in ((before, first), (hop, then)):

@@ -39,15 +39,18 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
         yield f"! the journal cannot be written: {status['manager']['journal']}"
     for fault in status["latched"]:
         told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
-        yield f"! {fault['element']} counts as failed, reported by {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+        yield (
+            f"! {fault['element']} counts as failed, reported by {fault['by']} "
+            f"({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+        )
     for bus, link in status["links"].items():
         if link["state"] == "gone":
             yield f"! bus:{bus} is gone: no frame comes from beyond it"
         elif link["limit"] < 1000:
-            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of its frames arrive"
+            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of frames arrive"
     for channel, lacking in status["channels"].items():
         if lacking:
-            yield f"! channel:{channel} carries nothing, according to {', '.join(lacking)}; its bus works on the other channel"
+            yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
     for phase in status["unwatched"]:
         yield f"! no running module gives the variable that requests phase {phase}"
 

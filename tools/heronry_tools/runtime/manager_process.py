@@ -1,6 +1,4 @@
-"""From the arguments of `heronry manager` to a running manager: bus, operator's socket, planner, term, core and
-driver.
-"""
+"""From the arguments of `heronry manager` to a running manager: bus, operator's socket, planner, term, core, driver."""
 
 import argparse
 import os

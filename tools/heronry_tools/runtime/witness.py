@@ -87,9 +87,7 @@ class Witness:
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:
-        """Longest silence of a served function; the fault behind a longer one was injected within that time after the
-        last output.
-        """
+        """Longest silence of a served function, in ns; a longer one means that it has stopped."""
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:

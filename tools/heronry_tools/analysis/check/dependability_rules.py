@@ -154,7 +154,7 @@ VOTER_SHARES = FAMILY.warning(
     "DG412",
     "voter-shares",
     what="A voter (k of n inputs, 2 <= k < n) has fewer than three sources of which no two are lost with one element.",
-    why="A vote overrules one wrong input. Inputs that share a PE, a sensor or a module can be wrong or silent together, and "
+    why="A vote overrules one wrong input. Inputs that share a PE, a sensor or a module can be wrong together, and "
     "then they are the majority.",
     fix="Bring each input from a PE and a sensor of its own.",
     bad=_voter("tail"),
@@ -173,7 +173,7 @@ SEPARATE_WITHOUT_ROOM = FAMILY.warning(
     "DG421",
     "separate-without-room",
     what="Modules must be on different PEs, and there are not enough PEs on which they fit.",
-    why="Some of them never run beside the others: the rule, which should protect redundancy, removes it.",
+    why="Some of them never run beside the others: the rule removes redundancy instead of protecting it.",
     fix="Let one of them run elsewhere, or remove it from the rule.",
     bad=_choice("nav").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
     good=_choice("tail").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",

@@ -78,7 +78,7 @@ CRITICAL_DO_NOT_FIT = FAMILY.error(
     "DG303",
     "critical-do-not-fit",
     what="With everything up, not all functions of class A to D that a phase wants can be served at once.",
-    why="Degradation is for faults. A system that gives up a critical function without a fault has no reserve for a fault. "
+    why="Degradation is for faults. A system that gives up a critical function without one has no reserve for one. "
     "The best plan can serve the function alone, but not beside the others.",
     fix="Give the PEs more room, let modules need less or add smaller modes, lower a criticality to E, or set the "
     "priority to 0 in that phase.",

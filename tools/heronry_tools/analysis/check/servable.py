@@ -38,9 +38,7 @@ def without_deadlines(spec: Spec) -> Spec:
 
 
 def without_limits(spec: Spec) -> Spec:
-    """Return the same spec with room and time for everything, and no placement rules: only the graph's logic is
-    left.
-    """
+    """Return the same spec with room and time for everything, and no placement rules: only its logic is left."""
     pes = {name: replace(pe, cpu_millis=PLENTY, ram=PLENTY, flash=PLENTY) for name, pe in spec.pes.items()}
     buses = {name: replace(bus, bitrate=PLENTY) for name, bus in spec.buses.items()}
     return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())

@@ -78,9 +78,7 @@ def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str
 
 
 def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
-    """The points of each function that both specs serve, or that is new; a function no longer served has none to
-    compare.
-    """
+    """The points of each function that both specs serve, or that is new; a function no longer served has none."""
     for function, points in new.items():
         was = old.get(function, ())
         moved = Moved(

@@ -54,9 +54,7 @@ def run_folder() -> Path:
 
 
 def _here() -> str:
-    """The place in which process numbers are valid: containers and user-mode Linuxes may share /tmp, and have their
-    own.
-    """
+    """Name of the place in which process numbers are valid: containers may share /tmp, and have their own."""
     kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     space = Path("/proc/self/ns/pid").stat().st_ino
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
@@ -75,8 +73,7 @@ class Fleet:
         *,
         aloft_s: float = 0.0,
     ) -> None:
-        """Write the files of the manager and of every PE: tables, and the plans made ahead and a key, where there are
-        any.
+        """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
 
         aloft_s: time in seconds since the take-off of the simulated flight.
         """
@@ -130,9 +127,7 @@ class Fleet:
         return self.folder / f"manager-{node}.sock"
 
     def active_manager(self) -> int:
-        """Node-ID of the active manager, from its status: on a busy computer the standby manager may have taken
-        over.
-        """
+        """Node-ID of the active manager, from its status: on a busy computer the standby may have taken over."""
         if len(self._managers) > 1:
             for node in self._managers:
                 with contextlib.suppress(ControlError):
@@ -152,9 +147,7 @@ class Fleet:
         return process.pid
 
     def order(self, order: Order, place: str) -> None:
-        """Give an order to the active manager; raises UserError, which begins with `place`, where the manager
-        refuses.
-        """
+        """Give an order to the active manager; raises UserError, which names `place`, where the manager refuses."""
         try:
             answer = call(self.control_socket(self.active_manager()), order)
         except ControlError as error:

@@ -1,5 +1,4 @@
-"""The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, reports how it ended, and
-powers off.
+"""The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, and powers off.
 
 The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. Only json, and
 what it and a starting Python hold already, are imported (no pathlib, no subprocess, nothing of this package): an
