@@ -30,7 +30,7 @@ MODES = (
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
     + one("other", "pitot", 3)
 )
-NEVER = ["DG232: module 'display' can never run: what it needs is never given all at once"]
+NEVER = ["DG232: module 'display' can never run: its inputs are never all given at the same time"]
 
 
 def test_two_modules_can_fill_two_inputs_and_one_cannot() -> None:
@@ -69,7 +69,7 @@ def test_a_branch_cannot_wait_for_another_branch_of_its_demux() -> None:
         f"  spare: {{device: second, needs: {{and: [light, told]}}, {RUNS}}}\n"
         "functions: {showing: {output: light}}\n"
     )
-    assert told(fragment) == ["DG232: module 'spare' can never run: what it needs is never given all at once"]
+    assert told(fragment) == ["DG232: module 'spare' can never run: its inputs are never all given at the same time"]
 
 
 def test_a_function_that_is_wanted_in_no_phase_uses_nothing() -> None:
@@ -79,7 +79,7 @@ def test_a_function_that_is_wanted_in_no_phase_uses_nothing() -> None:
 
 def test_a_gate_that_only_an_unused_gate_names_is_used() -> None:
     said = told("gates: {one: speed, two: one}\n")
-    assert said == ["DG243: gate 'two' is named by nobody"]
+    assert said == ["DG243: no expression names gate 'two'"]
 
 
 def test_a_phase_that_watches_what_nobody_gives_is_an_error() -> None:

@@ -34,7 +34,7 @@ def heronry(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
     told = heronry("demo", str(spec), "--phase", "land@1", "--for", "3")
     assert told.returncode == 0, told.stdout + told.stderr
-    assert "PHASE land (was climb), asked for by the operator" in told.stdout
+    assert "PHASE land (was climb), requested by the operator" in told.stdout
     assert "- servo_monitor stops" in told.stdout
 
 
@@ -75,12 +75,12 @@ def test_an_operator_at_work(spec: Path) -> None:
         demo.until("reconfigured")
         assert demo.status()["phase"] == "climb"
         assert "land from now on" in demo.say("phase", "land").stdout
-        demo.until("reconfigured", causes=["phase land, asked for by the operator"])
+        demo.until("reconfigured", causes=["phase land, requested by the operator"])
         assert "counts as failed" in demo.say("fail", "device:gps").stdout
         demo.until("reconfigured")
         status = demo.status()
         assert (status["phase"], [fault["element"] for fault in status["latched"]]) == ("land", ["device:gps"])
-        assert "device:gps counts as failed, says the operator" in demo.say("status").stdout
+        assert "device:gps counts as failed, reported by the operator" in demo.say("status").stdout
         assert "taken for well again" in demo.say("clear", "device:gps").stdout
         demo.until("fault_cleared", element="device:gps")
         refused = demo.say("clear", "device:gps")

@@ -142,7 +142,7 @@ def test_the_doctor_of_a_small_install_says_what_it_cannot_ask(small: dict[str, 
     assert told["tables"] == {
         "check": "tables",
         "ok": False,
-        "says": "no PE was asked for its spec: canopen is not installed",
+        "says": "the specs of the PEs are unknown: canopen is not installed",
         "type": 'pip install "heronry[doctor]"',
     }
 

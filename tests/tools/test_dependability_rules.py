@@ -220,4 +220,4 @@ def test_three_that_are_to_be_separate_want_three_pes() -> None:
         f"  display: {{device: lamp, needs: level, {RUNS}}}\nseparate: [[one, two, three]]\n"
     )
     assert finding.code == "DG421"
-    assert finding.sentence == "of 'one', 'two' and 'three' at most 2 can run at once on PEs of their own"
+    assert finding.sentence == "of 'one', 'two' and 'three' at most 2 can run together on PEs of their own"

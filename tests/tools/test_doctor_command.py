@@ -239,7 +239,7 @@ def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest
     assert "no hub answers there" in capsys.readouterr().out
     assert main(["doctor", "-i", "socketcan", "-c", "no_such_can"]) == 1
     out = capsys.readouterr().out
-    assert "this kernel has no CAN" in out or "there is no interface no_such_can" in out
+    assert "this kernel does not support CAN" in out or "there is no interface no_such_can" in out
 
 
 def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(

@@ -80,7 +80,7 @@ def test_a_killed_run_is_gone_on_with(
     (partial,) = cache.glob("*.partial")
     capsys.readouterr()
     assert contingencies_of(CHUTE, Ahead.SINGLE_FAULTS) is not None
-    assert f"heronry: {partial} goes on with 12 plans" in capsys.readouterr().err
+    assert f"heronry: continuing {partial}, which has 12 plans" in capsys.readouterr().err
     assert not partial.exists()
 
 

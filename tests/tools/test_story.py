@@ -99,7 +99,7 @@ STORY = """\
              tail_pe    100 % CPU  state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
 [  2.00 s] KILL tail_pe (SIGKILL, process 41); it ran \
 state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
-[  2.06 s] tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods
+[  2.06 s] tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods
 [  2.12 s] epoch 2 runs: 6 modules, 1 of 3 wanted functions served (pe:tail_pe: silent for 3 periods)
            detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
              - angle_driver stops (was tail_pe)
@@ -138,7 +138,7 @@ def test_a_kill_and_a_return_word_for_word() -> None:
 
 def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
     tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
-    assert tones["tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods"] == "fault"
+    assert tones["tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods"] == "fault"
     assert next(tone for text, tone in tones.items() if text.startswith("elevator is no longer served")) == "bad"
     assert tones["elevator is served again (only, value 100)"] == "good"
     assert tones["+ servo_monitor starts on tail_pe"] == "quiet"
@@ -238,8 +238,8 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
     lines = [line.text.removeprefix("[  0.00 s] ") for line in told(Story(ELEVATOR), events)]
     assert lines[:-1] == [
         "epoch 7 runs already: it is adopted as it is",
-        "PHASE land (was climb), asked for by tail_pe",
-        "device:gps is taken for well again, says the operator",
+        "PHASE land (was climb), requested by tail_pe",
+        "device:gps counts as working again, cleared by the operator",
         "it would start b, c; move a",
         "it would only change modes and wires",
         "epoch 8 runs, which this manager does not know: it advises nothing",
@@ -412,19 +412,19 @@ def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:
     over = event("summary", 3_000 * MS, served=["parachute"], unserved=[], rivals=[], pending=None)
     told = [line.text for one in (killed, taken, over) for line in story.tell(one)]
     assert "KILL the manager (SIGKILL, process 7)" in told[0]
-    assert "THE STANDBY TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]
+    assert "THE STANDBY MANAGER TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]
     assert "since the manager was killed no function has fallen silent" in told[2]
 
 
 def test_one_that_takes_over_unasked_says_how_long_nobody_was_heard() -> None:
     taken = event("taken_over", 5_000 * MS, term=2, before=0, silent_ns=None, phase=None)
     (line,) = Story(BIG_BLUE).tell(taken)
-    assert "THE STANDBY TAKES OVER: term 2, after no manager was heard" in line.text
+    assert "THE STANDBY MANAGER TAKES OVER: term 2, after no manager was heard" in line.text
 
 
 def test_a_killed_manager_is_not_restored() -> None:
     assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
-    with pytest.raises(UserError, match="the standby reigns"):
+    with pytest.raises(UserError, match="the standby manager stays active"):
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
     with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])

@@ -122,7 +122,7 @@ def test_what_has_no_room_is_told_how_much_would_be_enough() -> None:
     assert len(found.repairs) > 1
     assert found.repairs[0].restore == ("pe:sensor_pe",)
     text = why_command._text(TIGHT, found)
-    assert "mended by any one of these:\n  pe:sensor_pe comes back\n" in text
+    assert "any one of these repairs it:\n  pe:sensor_pe comes back\n" in text
     assert "cores more on pe control_pe (" in text
     document = json.loads(why_command._json(TIGHT, found))
     assert any(one["add"] and one["add"][0]["kind"] == "cpu" for one in document["repairs"])
@@ -166,7 +166,7 @@ def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
     text = why_command._text(bound, found)
     assert "chute_logic and chute_driver must not share a PE" in text
     assert "chute_logic and chute_driver must share a PE" in text
-    assert text.endswith("no element that comes back, and no capacity, mends it\n")
+    assert text.endswith("no returning element and no added capacity repairs it\n")
 
     hurried = {name: replace(one, deadline_ns=1) for name, one in CHUTE.variables.items()}
     late = explained(replace(SPREAD, variables=hurried), "elevator")

@@ -219,7 +219,7 @@ class Journal:
         self._bytes += len(data)
 
     def _fail(self, error: OSError) -> None:
-        self.problem = f"{self.file}: {error.strerror}; a restart will not know what happens from now on"
+        self.problem = f"{self.file}: {error.strerror}; a restart may not know what happens from now on"
 
 
 def _write_all(stream: int, data: bytes) -> None:

@@ -44,10 +44,10 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "fault_cleared": ("{element} counts as working again, cleared by {by}", "good"),
     "phase_changed": ("PHASE {phase} (was {before}), requested by {by}", "title"),
     "journal_failed": ("the journal cannot be written: {problem}", "bad"),
-    "journal_kept": ("the journal can be written again", "good"),
+    "journal_kept": ("the journal is written again", "good"),
     "standing_by": ("a standby manager follows manager {node}, term {term}", "quiet"),
     "refused": ("most PEs do not hear the active manager: it begins a new term", "bad"),
-    "hears_nobody": ("a manager hears no node any more: it sends nothing until it does", "bad"),
+    "hears_nobody": ("a manager hears no node any more: it stops sending until it does", "bad"),
     "stepped_down": (
         "a manager gives up its mastership: manager {node} is active with the higher term {term}",
         "plain",

@@ -173,7 +173,7 @@ SEPARATE_WITHOUT_ROOM = FAMILY.warning(
     "DG421",
     "separate-without-room",
     what="Modules must be on different PEs, and there are not enough PEs on which they fit.",
-    why="Some of them never run beside the others: the rule removes redundancy instead of protecting it.",
+    why="Some of them never run beside the others: the rule defeats the redundancy it protects.",
     fix="Let one of them run elsewhere, or remove it from the rule.",
     bad=_choice("nav").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
     good=_choice("tail").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
@@ -182,8 +182,8 @@ TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
     what="Two modules must be on one PE, and no PE fits both.",
-    why="The two never run at the same time. Of two branches of a DEMUX that is so anyway, and the rule only keeps others "
-    "that it names from running beside one of them.",
+    why="The two never run at the same time. Two branches of a DEMUX never do; there the rule only keeps others that it "
+    "names from running beside one of them.",
     fix="Remove the one that cannot follow from the rule, or write a rule of its own for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",
     good=_two_lamps("nav") + "together: [[driver, second_display]]\n",
