@@ -1,4 +1,4 @@
-"""What a spec says to the check in its comments: what is ignored and raised, and what is said about the comments."""
+"""Instructions to the check in a spec's comments: findings ignored and raised, and findings about the comments."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Specs that load and still cannot be meant: what the graph's check sees, and what it leaves to others."""
+"""Specs that load and still cannot be meant: findings of the graph's check, and what it leaves to others."""
 
 from dg.marked_spec import RUNS
 from heronry_dg.check.assess import assess

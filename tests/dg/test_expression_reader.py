@@ -182,7 +182,7 @@ def test_gates_do_not_contain_themselves(gates: str, cycle: str) -> None:
 
 
 class TestDemux:
-    """What a DEMUX asks of its branches."""
+    """What a DEMUX requires of its branches."""
 
     def test_it_has_two_or_more(self) -> None:
         one = logic("out", gates="{»out: {demux: command}}")

@@ -1,4 +1,4 @@
-"""The place of a finding is where the mistake is to be mended, and not where somebody stumbled over it."""
+"""The place of a finding is where the mistake must be fixed, and not where the parser noticed it."""
 
 import pytest
 

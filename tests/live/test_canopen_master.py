@@ -1,4 +1,4 @@
-"""An unmodified CANopen master at a real agent: on a desk, where nobody reigns, and in flight."""
+"""An unmodified CANopen master at a real agent: on a desk without a manager, and in flight."""
 
 import re
 import subprocess

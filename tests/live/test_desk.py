@@ -17,7 +17,7 @@ from live.slow_spec import slow_spec
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "runtime" / "deployment"
 PATIENCE_S = 240
-END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: who still writes keeps the pipe open
+END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: a process that still writes keeps the pipe open
 
 
 def steps(spec: str) -> list[str]:

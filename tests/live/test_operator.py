@@ -1,4 +1,5 @@
-"""The operator and a running system, each a process of its own: phases, faults, status, and who may not call."""
+"""The operator and a running system, each a process of its own: phases, faults, status, and callers that are
+refused."""
 
 import json
 import subprocess
@@ -17,7 +18,7 @@ PHASES = "phases: {climb: {}, land: {}}\n"
 
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
-    """Figure 3 of the paper, with a phase in which nobody watches the servos any more."""
+    """Figure 3 of the paper, with a phase in which no module watches the servos any more."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     wanted = "output: servo_monitor, criticality: D, priority: 20"
     assert wanted in text

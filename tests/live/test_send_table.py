@@ -70,7 +70,7 @@ def test_a_pe_waits_gets_its_table_and_starts(hub: HubProcess, capsys: pytest.Ca
 
 
 def pe_of(spec: str) -> str:
-    """Whoever has the same node-ID in another spec."""
+    """The PE with the same node-ID in another spec."""
     return next(pe.name for pe in load(shipped_spec_path(spec)).pes.values() if pe.node_id == NODE)
 
 

@@ -177,7 +177,7 @@ def test_anything_else_is_for_the_planner() -> None:
     table = ContingencyTable(CHUTE, MADE)
     elsewhere = {**RUNNING, "state_estimator": ("only", "nowhere")}
     assert table.plan(GPS, None, elsewhere) is None, "something else runs"
-    assert table.find(GPS, None, None) is None, "nobody knows what runs"
+    assert table.find(GPS, None, None) is None, "what runs is not known"
     assert table.find(GPS, "glide", RUNNING) is None, "another phase"
     assert table.find(frozenset({"device:gps", "device:barometer", "pe:control_pe"}), None, RUNNING) is None, "too many"
 

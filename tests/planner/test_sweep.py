@@ -1,4 +1,4 @@
-"""A sweep says of every fault set what planning for it would say, and asks for few of them."""
+"""A sweep gives for every fault set the plan that planning would give, and plans few of them."""
 
 import random
 from collections.abc import Iterable, Iterator
@@ -26,7 +26,7 @@ CHUTE = load(shipped_spec_path("elevator_and_chute"))
 
 
 class Asked:
-    """Answers with the planner, and keeps what it was asked."""
+    """Answers with the planner, and keeps the questions."""
 
     def __init__(self, spec: Spec, *, proven: bool = True) -> None:
         self.spec, self.proven = spec, proven

@@ -1,4 +1,4 @@
-"""Transitions: what the player chooses, the judge accepts; and what the slices of the agents say bears both out.
+"""Transitions: the verifier accepts what `transition` chooses, and the slices of the agents confirm both.
 
 `loads_of` is a third opinion. It knows nothing of transitions: it lets the slices that the agents would hold publish
 and forward, PE by PE, each in the state that it is put into.
@@ -64,7 +64,7 @@ functions:
 
 
 def direct(way: Transition) -> Transition:
-    """The same without waiting for anybody."""
+    """The same without waiting for any PE."""
     return replace(way, steps=(Step.GO_ALL,), wait_for={}, hold=())
 
 

@@ -1,4 +1,4 @@
-"""The judge and the enumerator, written apart from the same page, agree on what is legal and on what it is worth."""
+"""The verifier and the enumerator, written apart from the same page, agree on what is legal and on what it is worth."""
 
 import random
 from collections import Counter

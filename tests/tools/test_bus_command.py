@@ -1,4 +1,4 @@
-"""`heronry bus`: what every bus carries, under the plan that is asked for, and whether it comes in time."""
+"""`heronry bus`: what every bus carries, under a given plan, and whether it comes in time."""
 
 import json
 import re

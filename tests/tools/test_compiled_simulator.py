@@ -32,7 +32,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """What Python says with the packages of a folder."""
+    """The output of Python with the packages of a folder."""
     env = environment(folder)
     return subprocess.run([sys.executable, "-P", *words], env=env, capture_output=True, text=True, check=False)
 

@@ -1,4 +1,4 @@
-"""The folder of a demo: what a dead run left is swept away, what belongs to anybody alive is not."""
+"""The folder of a demo: what a dead run left is removed, what belongs to a live process is not."""
 
 import os
 import subprocess

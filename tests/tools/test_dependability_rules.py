@@ -55,7 +55,7 @@ def lost_by_planning_everything(spec: Spec) -> dict[str, Lost]:
 
 
 def worth_telling(spec: Spec, lost: dict[str, Lost]) -> dict[str, Lost]:
-    """A replicated bus takes two faults, and a driver that costs what its device costs says nothing new."""
+    """A replicated bus takes two faults, and a driver that costs what its device costs gives no second finding."""
     silent = {f"bus:{bus.name}" for bus in spec.buses.values() if bus.channels > 1}
     for module in spec.modules.values():
         if lost.get(f"module:{module.name}") == lost.get(f"device:{module.device}"):
@@ -162,7 +162,7 @@ def test_two_versions_from_one_module_are_no_choice() -> None:
 
 
 def test_what_takes_the_reader_along_is_not_missed() -> None:
-    """Reader and sensors sit on one PE: without it nobody asks."""
+    """Reader and sensors are on one PE: without it no module reads them."""
     nearby = RULES["DG411"].bad.replace("lamp: {kind: actuator, pe: tail}", "lamp: {kind: actuator, pe: nav}")
     assert nearby != RULES["DG411"].bad
     assert found_in(nearby) == []

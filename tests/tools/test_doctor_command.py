@@ -1,4 +1,4 @@
-"""`heronry doctor`: what it finds right, what it finds wrong, and what it says to type."""
+"""`heronry doctor`: what it finds right, what it finds wrong, and what it advises to type."""
 
 import json
 from collections.abc import Iterator
@@ -254,7 +254,9 @@ def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(
                     message = can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False)
                     task = bus.send_periodic(message, 0.02)
                     assert isinstance(task, ThreadBasedCyclicSendTask)
-                    ended.callback(task.thread.join)  # python-can closes a bus without waiting for who still sends
+                    ended.callback(
+                        task.thread.join
+                    )  # python-can closes a bus without waiting for a thread that still sends
                     ended.callback(task.stop)
             words = ["doctor", "-i", "softbus", "-c", ",".join(places), "--seconds", "0.5"]
             assert main(words) == 1

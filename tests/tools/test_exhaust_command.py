@@ -1,4 +1,5 @@
-"""Every single fault at every message of every reconfiguration: a sample of them flown, and what the command tells."""
+"""Every single fault at every message of every reconfiguration: a sample of them flown, and the output of the
+command."""
 
 import json
 import shlex
@@ -163,7 +164,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     file = tmp_path / "raising.dg.yaml"
     file.write_text(
         text.replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
-    )  # and nobody is told
+    )  # and no event is emitted
     case = "start: 5 doubled everybody"
     how = ["--standby", "--keyed", "--foreseen", "0"]
     assert main(["exhaust", str(file), *how, "--case", case]) == 1

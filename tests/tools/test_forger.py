@@ -1,4 +1,4 @@
-"""Flights with a key, and somebody on the bus who does not have it."""
+"""Flights with a key, and an attacker on the bus without it."""
 
 from random import Random
 

@@ -53,7 +53,7 @@ class Nothing:
 
 
 class Base:
-    """Somebody else's parent."""
+    """A parent of another package."""
 
 
 class Plain:

@@ -19,7 +19,7 @@ from manager.one_manager import OneManager
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OneManager]:
-    """A manager that reigns and listens to the operator."""
+    """An active manager that listens to the operator."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     flying = OneManager()
     flying.start()

@@ -1,6 +1,6 @@
 """Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind.
 
-Who flies goes on flying.
+The flight itself goes on.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""DG3xx beyond the examples of its rules: which cause is told, at which place, and in which phases."""
+"""DG3xx beyond the examples of its rules: which cause is reported, at which place, and in which phases."""
 
 import random
 import subprocess

@@ -154,7 +154,7 @@ def test_a_hub_never_outlives_a_starter_that_is_killed(path: Path) -> None:
 
 
 class RawClient:
-    """A client that says what it likes."""
+    """A client that sends any bytes."""
 
     def __init__(self, path: Path) -> None:
         self.command = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -1,4 +1,4 @@
-"""What a reader is told of a flight: the story word for word, the script's arguments, the buses, the screen."""
+"""The story of a flight, word for word; the script's arguments, the buses, the screen."""
 
 import itertools
 import os
@@ -199,7 +199,7 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
     events = [
         event("epoch_step", 10 * MS, epoch=2, step="GO", waiting_for=[]),
         event("outage", 1500 * MS, function="parachute", from_ns=300 * MS, to_ns=None),
-        event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and nobody promised it
+        event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and the plan does not have it
         event("process", 1600 * MS, pe="tail_pe", pid=9, what="killed"),
         event(
             "summary",

@@ -1,4 +1,4 @@
-"""The witness believes frames alone: what is heard, what has fallen silent, and who drives what at the same time."""
+"""The witness uses frames alone: what is heard, what has fallen silent, and which modules drive one thing at a time."""
 
 from pathlib import Path
 

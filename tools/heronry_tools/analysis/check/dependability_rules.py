@@ -182,8 +182,8 @@ TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
     what="Two modules must be on one PE, and no PE fits both.",
-    why="The two never run at the same time. Two branches of a DEMUX never do; there the rule only keeps others that it "
-    "names from running beside one of them.",
+    why="The two never run at the same time. Two branches of a DEMUX never do; there the rule only keeps others "
+    "that it names from running beside one of them.",
     fix="Remove the one that cannot follow from the rule, or write a rule of its own for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",
     good=_two_lamps("nav") + "together: [[driver, second_display]]\n",
