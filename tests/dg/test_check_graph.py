@@ -46,7 +46,7 @@ def test_a_vote_counts_each_module_once() -> None:
     assert told(display('{xor: ["speed@1", "speed@2", "speed@3"]}', MODES)) == []
 
 
-def test_an_input_that_nobody_gives_is_told_once_and_not_again_as_a_gate_that_never_holds() -> None:
+def test_an_input_that_no_module_gives_is_reported_once_and_not_again_as_a_gate_that_never_holds() -> None:
     said = told(display('{and: ["speed@1", "speed@2", "speed@3"]}', BOTH))
     assert said == ["DG231: module 'display' reads 'speed@3', which no module gives"]
 
@@ -82,7 +82,7 @@ def test_a_gate_that_only_an_unused_gate_names_is_used() -> None:
     assert said == ["DG243: no expression names gate 'two'"]
 
 
-def test_a_phase_that_watches_what_nobody_gives_is_an_error() -> None:
+def test_a_phase_that_watches_a_variable_without_a_giver_is_an_error() -> None:
     fragment = "variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     said = told(f"{fragment}phases: {{climb: {{}}, cruise: {{when: {{variable: height, above: 3}}}}}}\n")
     assert said == ["DG230: phase 'cruise' watches 'height', which no module gives"]

@@ -24,7 +24,7 @@ from heronry_dg.findings import Place
         ("dg: 1\n»name\n", "':' is missing between here and"),
     ],
 )  # fmt: skip
-def test_text_that_is_no_yaml_is_told_where_it_went_wrong(text: str, sentence: str) -> None:
+def test_text_that_is_no_yaml_is_reported_where_it_went_wrong(text: str, sentence: str) -> None:
     (finding,) = findings(text.replace("»", ""))
     line = next(number for number, line in enumerate(text.split("\n"), 1) if "»" in line)
     assert finding.place.line == line
@@ -106,7 +106,7 @@ def test_a_branch_whose_needs_are_misspelt_is_not_missed_by_its_demux() -> None:
     assert said == "module 'b' has no field 'neds' (did you mean 'needs'?)"
 
 
-def test_a_declared_name_that_somebody_uses_is_not_to_blame() -> None:
+def test_a_declared_name_that_is_used_is_not_to_blame() -> None:
     body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
     modules = (
         f"{{a: {{gives: {{altitde: 1}}, {body}}}, b: {{needs: »altitude, {body}}}, c: {{needs: »altitude, {body}}}}}"

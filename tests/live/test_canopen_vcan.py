@@ -119,7 +119,7 @@ def dissected(session: Session) -> dict[int, list[Dissected]]:
     return read
 
 
-def test_the_master_is_told(session: Session) -> None:
+def test_the_master_gets_an_emergency(session: Session) -> None:
     assert session.told.identity == [0, 0x5045, 1, 0]
     assert re.fullmatch("[0-9a-f]{64}", session.told.digest)
     assert session.told.eds == Path(EDS).read_bytes()

@@ -112,7 +112,7 @@ def until(process: "subprocess.Popen[str]", kind: str, **fields: Any) -> dict[st
     raise AssertionError(f"it ended before '{kind}'")
 
 
-def test_a_pe_with_a_key_gets_its_table_from_who_has_the_key_and_has_it_unlocked(
+def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     fleet: Fleet, capsys: pytest.CaptureFixture[str]
 ) -> None:
     manager = fleet.start(

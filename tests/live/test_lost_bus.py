@@ -113,7 +113,7 @@ def ground(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ground]:
     ],
     indirect=["ground"],
 )
-def test_a_lost_bus_is_told_and_when_it_is_back_the_pe_is_a_new_incarnation(
+def test_a_lost_bus_is_reported_and_when_it_is_back_the_pe_is_a_new_incarnation(
     ground: Ground, lose: Callable[[Ground], None], restore: Callable[[Ground], None], reason: str
 ) -> None:
     agent = Log(ground)
@@ -133,7 +133,7 @@ def test_a_lost_bus_is_told_and_when_it_is_back_the_pe_is_a_new_incarnation(
 
 
 @pytest.mark.parametrize("ground", [pytest.param("softbus", marks=pytest.mark.live)], indirect=True)
-def test_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground: Ground) -> None:
+def test_a_pe_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground: Ground) -> None:
     agent = Log(ground)
     before = ground.hear_page_0()
     end_the_hub(ground)
@@ -224,7 +224,7 @@ def wire(adapter: SerialAdapter, tmp_path: Path) -> Iterator[Ground]:
 
 @pytest.mark.vcan
 @needs_root
-def test_a_controller_that_goes_bus_off_is_told_restarted_and_the_pe_begins_anew(
+def test_a_controller_that_goes_bus_off_is_reported_and_restarted_and_the_pe_begins_anew(
     wire: Ground, adapter: SerialAdapter
 ) -> None:
     agent = Log(wire)

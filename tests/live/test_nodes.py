@@ -231,7 +231,7 @@ def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, 
     return found
 
 
-def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
+def test_every_node_identifies_itself(aircraft: Aircraft) -> None:
     """It answers a request by its node-ID, and one to all nodes (CANaerospace IDS on channel 0)."""
     aircraft.start_agents()
     aircraft.start_manager().event("reconfigured")
@@ -243,7 +243,7 @@ def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
 
 
 @pytest.mark.timing
-def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_reboots_nobody(aircraft: Aircraft) -> None:
+def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_no_pe_reboots(aircraft: Aircraft) -> None:
     aircraft.start_agents()
     first = aircraft.start_manager()
     assert first.event("manager_started")["term"] == 1
@@ -272,7 +272,7 @@ def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) 
 
 
 @pytest.mark.timing
-def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) -> None:
+def test_a_loss_that_was_pre_planned_is_reported_in_order(aircraft: Aircraft) -> None:
     agents = aircraft.start_agents()
     manager = aircraft.start_manager()
     manager.event("reconfigured")
@@ -284,7 +284,7 @@ def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) 
     assert [kind for kind in kinds if kind in steps] == steps
 
 
-def test_a_hub_that_is_killed_ends_nobody_and_with_the_next_one_all_fly_again(aircraft: Aircraft) -> None:
+def test_a_hub_that_is_killed_ends_no_node_and_with_the_next_one_all_fly_again(aircraft: Aircraft) -> None:
     """The PEs come back as new incarnations; the manager, which stood still meanwhile, in the same mastership."""
     aircraft.start_agents()
     manager = aircraft.start_manager()
@@ -351,7 +351,7 @@ def test_an_agent_without_its_bus(table: str, arguments: list[str], says: str) -
 
 
 @pytest.mark.parametrize("command", [[*AGENT, "--table", "x"], [*MANAGER, str(SPEC_FILE)]], ids=["agent", "manager"])
-def test_an_interface_that_nobody_knows(command: list[str]) -> None:
+def test_an_interface_that_does_not_exist(command: list[str]) -> None:
     """It is refused with the usage, as every mistyped flag is; the last line says what there is."""
     done = subprocess.run([*command, "-i", "nonsense", "-c", "x"], capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -92,7 +92,7 @@ def test_two_cannot_wait_with_one_number(hub: HubProcess) -> None:
     assert first.end() == (0, "")
 
 
-def test_where_nobody_waits_it_is_said(
+def test_without_a_waiting_pe_the_command_reports_it(
     hub: HubProcess, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(send_table_command, "_ANSWER_WITHIN_S", 0.1)

@@ -206,7 +206,7 @@ def test_every_pe_holds_what_its_table_has_room_for() -> None:
     assert len(write_block([Preloaded(one.slices[node], one.digest) for one in compiled])) > 40
 
 
-def test_the_manager_knows_by_which_number_a_configuration_is_called_and_who_holds_it() -> None:
+def test_the_manager_knows_the_number_of_a_configuration_and_the_pes_that_hold_it() -> None:
     held = on_board(CHUTE, MADE)
     numbers = ContingencyNumbers(CHUTE, MADE, [replace(held[0], held=2), *held[1:]])
     assert [numbers.number(one) for one in MADE.configurations] == list(range(1, len(MADE.configurations) + 1))

@@ -167,7 +167,7 @@ def test_a_plan_can_be_written_and_read_like_any_other() -> None:
     assert repr(found.functions).startswith("{'parachute': FunctionReport(served=True")
 
 
-def test_deadlines_are_judged_as_the_verifier_does() -> None:
+def test_deadlines_are_checked_as_the_verifier_does() -> None:
     """Also where they are missed: plans that were made without a look at them."""
     verdicts = Counter[bool]()
     for seed in range(300):

@@ -217,7 +217,7 @@ def test_the_verifier_accepts_the_same_where_it_can_play_nothing(monkeypatch: py
     assert refused > 10
 
 
-def test_who_is_not_needed_once_others_wait_is_not_waited_for() -> None:
+def test_a_pe_that_is_not_needed_once_others_wait_is_not_waited_for() -> None:
     lines = ["dg: 1", "name: two", "buses: {b0: {bitrate: 1000000}, b1: {bitrate: 1000000}}", "manager: {bus: b0}"]
     places = {"both": "b0, b1", "old0": "b0", "new0": "b0", "read0": "b0", "old1": "b1", "new1": "b1", "read1": "b1"}
     lines += ["pes:"]
@@ -325,7 +325,7 @@ def swap() -> tuple[Spec, Configuration, Configuration, Situation]:
     return spec, before, plan(spec, now, placement(before)).configuration, now
 
 
-def test_who_fills_the_bus_lets_go_before_another_one_fills_it(
+def test_a_pe_that_fills_the_bus_stops_before_another_one_fills_it(
     swap: tuple[Spec, Configuration, Configuration, Situation],
 ) -> None:
     spec, before, after, now = swap

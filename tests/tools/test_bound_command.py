@@ -98,7 +98,7 @@ def test_a_demux_of_a_silent_pe_waits_for_t_lease(capsys: pytest.CaptureFixture[
     assert "from the report on" in str(faults["device reported failed", "device:left"]["note"])
 
 
-def test_who_falls_silent_with_a_gateway_is_counted_with_it(capsys: pytest.CaptureFixture[str], split: Path) -> None:
+def test_pes_beyond_a_gateway_are_counted_with_it(capsys: pytest.CaptureFixture[str], split: Path) -> None:
     faults = faults_of(capsys, split)
     assert faults["bus or gateway lost", "pe:gate"] == {
         **faults["PE lost", "pe:gate"],

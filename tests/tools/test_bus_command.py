@@ -161,7 +161,7 @@ def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
         (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_sentence(
+def test_what_cannot_be_shown_is_reported_in_one_sentence(
     arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     plan_file = tmp_path / "plan.json"

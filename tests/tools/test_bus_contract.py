@@ -307,7 +307,7 @@ def test_a_dead_client_leaves_the_others_alone(medium: Medium) -> None:
     assert ids_until(right, 2) == [1, 2]
 
 
-def test_a_stopped_client_slows_nobody_and_costs_nobody_a_frame(medium: Medium) -> None:
+def test_a_stopped_client_slows_no_other_and_costs_no_other_a_frame(medium: Medium) -> None:
     puppet = medium.puppet()
     puppet.signal(signal.SIGSTOP)
     senders = [medium.open(receive_own_messages=True) for _ in range(4)]

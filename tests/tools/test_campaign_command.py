@@ -157,7 +157,7 @@ def test_likelihoods_are_products_and_sums_of_rates() -> None:
     assert str(Likelihood(0.002, complete=False)) == "at least 2.0e-03 per hour"
 
 
-def test_a_long_list_is_cut_short_and_missing_proofs_are_told() -> None:
+def test_a_long_list_is_cut_short_and_missing_proofs_are_reported() -> None:
     scope = Scope(elements(CHUTE), 1, (None,))
     healthy = Outcome(plan(CHUTE, Situation()).configuration, plan(CHUTE, Situation()).objective, optimal=False)
     nothing = Outcome(Configuration(), plan(CHUTE, Situation(frozenset({"bus:can0"}))).objective, optimal=True)

@@ -1,4 +1,4 @@
-"""The oracles' own reading of what managers command."""
+"""The judges' own reading of what managers command."""
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
@@ -26,7 +26,7 @@ def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> Non
 
 
 def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte() -> None:
-    """A manager that is gone has prepared 257, which no PE runs; the next one continues with 1."""
+    """A manager that is gone has prepared 257, for nobody; the next one goes on with 1."""
     commanded = Commanded(load(shipped_spec_path("big_blue")))
     for term, epoch, digest in ((1, 1, 5), (3, 257, 6)):
         commanded.take(0, Prepare(term, epoch, digest))
@@ -38,7 +38,7 @@ def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte(
 
 
 def test_what_a_higher_term_takes_over_before_anybody_has_activated_it_is_adopted() -> None:
-    """A deposed manager has activated 1; the next active manager must adopt what runs by that, beyond a radio."""
+    """A deposed manager has activated 1; what runs by that, beyond a radio, is for whoever reigns next to adopt."""
     commanded = Commanded(load(shipped_spec_path("big_blue")))
     for message in (Prepare(1, 1, 5), Activate(1, 1, Step.GO_ALL, 5)):
         commanded.take(0, message, is_active=False)
@@ -50,7 +50,7 @@ def test_what_a_higher_term_takes_over_before_anybody_has_activated_it_is_adopte
 
 
 def test_slices_of_an_epoch_are_not_judged_because_another_one_has_had_its_number() -> None:
-    """A manager whose disk accepted nothing may begin again with numbers that it has used."""
+    """A manager whose disk took nothing may begin again with numbers that it has used."""
     commanded = Commanded(load(shipped_spec_path("elevator_and_chute")))
     for message in (Prepare(1, 97, 5), Activate(1, 97, Step.GO_ALL, 5)):
         commanded.take(0, message)

@@ -45,7 +45,7 @@ def written(scope: Scope, swept: Sweep) -> bytes:
     return to_bytes(contingencies(CHUTE, scope, swept.outcomes, safe), CHUTE)
 
 
-def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_is_made_and_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = tmp_path / "chute.contingencies"
     code, out, err = run(capsys, "elevator_and_chute", "-o", str(made), "--jobs", "1")
     assert (code, err) == (0, "")
@@ -110,7 +110,7 @@ def test_ctrl_c_tells_how_to_go_on(
     assert (code, err) == (130, f"heronry: stopped; the same command continues from {file}.partial\n")
 
 
-def test_whoever_oracles_needs_no_solver(file: Path) -> None:
+def test_verifying_a_file_needs_no_solver(file: Path) -> None:
     """On a node that flies on a table and the greedy planner, without ortools."""
     code = f"""
 import sys

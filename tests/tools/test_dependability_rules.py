@@ -102,7 +102,7 @@ def test_a_second_way_without_room_is_no_second_way() -> None:
     assert all("costs 'safe' (C)" in finding.sentence and "no room" in finding.hint for finding in found)
 
 
-def test_a_class_that_changes_with_the_phase_is_told_with_each() -> None:
+def test_a_class_that_changes_with_the_phase_is_reported_with_each() -> None:
     found = found_in(
         "phases: {climb: {}, cruise: {}, landing: {}}\n"
         "functions: {showing: {output: display, criticality: {default: C, landing: A},"

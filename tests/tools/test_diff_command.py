@@ -170,7 +170,7 @@ def test_a_function_that_is_lost_and_what_that_saves(capsys: pytest.CaptureFixtu
          "[[gps_driver, pressure_driver]]"),
     ],
 )  # fmt: skip
-def test_a_field_is_told_in_the_words_of_the_spec(  # noqa: PLR0917 - a row of the table above
+def test_a_field_is_reported_with_the_key_of_the_spec(  # noqa: PLR0917 - a row of the table above
     tmp_path: Path, before: str, after: str, element: str, field: str, old: str | None, new: str | None
 ) -> None:
     changes = element_changes(load(shipped_spec_path("elevator_and_chute")), load(changed(tmp_path, (before, after))))

@@ -1,5 +1,4 @@
-"""Every single fault at every message of every reconfiguration: a sample of them flown, and the output of the
-command."""
+"""Every single fault at every message of every reconfiguration: a sample of them flown, and what the command tells."""
 
 import json
 import shlex
@@ -164,7 +163,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     file = tmp_path / "raising.dg.yaml"
     file.write_text(
         text.replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
-    )  # and no event is emitted
+    )  # and nobody is told
     case = "start: 5 doubled everybody"
     how = ["--standby", "--keyed", "--foreseen", "0"]
     assert main(["exhaust", str(file), *how, "--case", case]) == 1

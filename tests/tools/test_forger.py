@@ -1,4 +1,4 @@
-"""Flights with a key, and an attacker on the bus without it."""
+"""Flights with a key, and somebody on the bus who does not have it."""
 
 from random import Random
 

@@ -53,7 +53,7 @@ class Nothing:
 
 
 class Base:
-    """A parent of another package."""
+    """Somebody else's parent."""
 
 
 class Plain:

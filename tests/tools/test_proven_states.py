@@ -1,4 +1,4 @@
-"""The oracle of sessions: it finds what a page 1 says, however often an attacker made the manager open another one."""
+"""The judge of sessions: it finds what a page 1 says, however often somebody made the manager open another one."""
 
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.oracles.proven_states import ProvenStates

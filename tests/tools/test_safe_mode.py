@@ -1,4 +1,4 @@
-"""`without_manager: safe_mode`: what is marked as expendable, and the oracle of what rests."""
+"""`without_manager: safe_mode`: what is marked as expendable, and the judge of what rests."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""The nodes that have heard no other node for T_lease, by the frames on their bus."""
+"""Who has heard nobody for T_lease, by the frames on its bus."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def speak(solitude: Solitude, from_ms: int, to_ms: int, *speakers: str) -> None:
 
 
 def alone(solitude: Solitude) -> dict[str, int]:
-    """The nodes that were alone, and when that ended, in milliseconds."""
+    """Who was alone, and when that ended, in milliseconds."""
     return {pe: ended_ns // MS for pe in PES if (ended_ns := solitude.ended_ns(pe))}
 
 

@@ -55,7 +55,7 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
     assert lines[6].startswith("  right        returning  UNCONFIGURED: it rebooted (incarnation 2); it joins in 0.")
 
 
-def test_who_stands_by_knows_no_plan_and_says_who_does() -> None:
+def test_a_standby_manager_knows_no_plan_and_names_the_active_one() -> None:
     manager = standing_by()
     manager.pass_time(200 * MS)
     lines = told(manager)

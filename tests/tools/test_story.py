@@ -148,7 +148,7 @@ def told_flight() -> list[Line]:
     return told(Story(ELEVATOR), list(flight()))
 
 
-def test_a_better_or_worse_mode_and_a_move_are_told_with_both_ends() -> None:
+def test_a_better_or_worse_mode_and_a_move_are_shown_with_both_ends() -> None:
     whole = plan_after(None)
     story = Story(ELEVATOR)
     told(story, reconfiguration(0, 1, whole, "start"))
@@ -163,7 +163,7 @@ def test_a_better_or_worse_mode_and_a_move_are_told_with_both_ends() -> None:
     assert re.search(r"> high_quality_altitude goes from sensor_pe \(fused\) to \w+ \(gps_only\)", text)
 
 
-def test_a_function_in_a_lesser_mode_is_told_with_its_value() -> None:
+def test_a_function_in_a_lesser_mode_is_shown_with_its_value() -> None:
     spec, story = BIG_BLUE, Story(BIG_BLUE)
     now = situation(spec, phase="glide")
     whole = plan(spec, now, None)
@@ -186,14 +186,14 @@ def test_the_story_tells_the_plan_of_the_epoch_that_runs_not_one_that_is_still_t
     assert any("servo_driver_1 stops" in line.text for line in lines)
 
 
-def test_an_epoch_that_was_given_up_is_not_told() -> None:
+def test_an_epoch_that_was_abandoned_is_not_shown() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)
     assert told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")]) == []
     assert "epoch 2" in told(story, reconfiguration(20, 2, plan_after(None), "start"))[0].text
 
 
-def test_waiting_silence_and_what_went_wrong_are_told() -> None:
+def test_waiting_silence_and_failures_are_shown() -> None:
     story = Story(ELEVATOR)
     told(story, reconfiguration(0, 1, plan_after(None, "pe:tail_pe"), "start"))
     events = [
@@ -222,7 +222,7 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
 
 
-def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() -> None:
+def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown() -> None:
     whole = plan_after(None)
     events = [
         event("plan_ready", 1, request=1, plan=whole.document(), decide_ns=0),
@@ -249,7 +249,7 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
 
 
 @pytest.mark.parametrize("kind", ["advice", "unknown_epoch"])
-def test_the_clock_of_who_only_advises_starts_with_what_it_says_first(kind: str) -> None:
+def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str) -> None:
     fields = {"epoch": 8} if kind == "unknown_epoch" else {"plan": {}, "moved": [], "started": ["a"], "stopped": []}
     cleared = {"element": "device:gps", "by": "the operator"}
     events = [
@@ -416,7 +416,7 @@ def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:
     assert "since the manager was killed no function has fallen silent" in told[2]
 
 
-def test_one_that_takes_over_unasked_says_how_long_nobody_was_heard() -> None:
+def test_a_manager_that_takes_over_reports_how_long_no_manager_was_heard() -> None:
     taken = event("taken_over", 5_000 * MS, term=2, before=0, silent_ns=None, phase=None)
     (line,) = Story(BIG_BLUE).tell(taken)
     assert "THE STANDBY MANAGER TAKES OVER: term 2, after no manager was heard" in line.text
@@ -431,7 +431,7 @@ def test_a_killed_manager_is_not_restored() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_two_managers_go_through_can_be_told(seed: int) -> None:
+def test_every_event_of_two_managers_can_be_shown(seed: int) -> None:
     faults = drawn_faults(ELEVATOR, seed, 6.0, of_two=True)
     simulation = Simulation(ELEVATOR, seed, standby=True, key=KEY)
     injections = Injections(simulation, faults, start_ns=2_000 * MS)

@@ -71,7 +71,7 @@ def test_a_fault_is_the_reason_and_its_end_the_repair(capsys: pytest.CaptureFixt
     assert out.endswith("because, all at once:\n  pe:tail_pe is down\nmended by:\n  pe:tail_pe comes back\n")
 
 
-def test_two_faults_that_each_suffice_to_lose_it_must_both_be_mended(capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_faults_that_each_suffice_to_lose_it_must_both_be_repaired(capsys: pytest.CaptureFixture[str]) -> None:
     down = ("--down", "device:chute_solenoid", "--down", "module:chute_logic")
     out = run(capsys, "elevator_and_chute", "parachute", *down)
     assert "\nbecause, all at once:\n  module:chute_logic is down\nmended by:\n" in out, "either of them is enough"
@@ -115,7 +115,7 @@ def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: 
 # Resources
 
 
-def test_what_has_no_room_is_told_how_much_would_be_enough() -> None:
+def test_for_a_function_without_room_the_answer_names_how_much_would_be_enough() -> None:
     """With a PE less the servo's monitor gives way; either a PE comes back or one of the others gets more CPU."""
     found = explained(TIGHT, "servo_monitoring", "pe:sensor_pe")
     assert {one.kind for one in found.reasons} <= {"down", "cpu", "function"}
@@ -157,7 +157,7 @@ def test_every_capacity_can_be_the_reason(spec: Spec, function: str, kind: str) 
     assert "more on" in why_command._text(spec, found)
 
 
-def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
+def test_rules_and_deadlines_can_be_reasons_that_nothing_repairs() -> None:
     apart = replace(CHUTE, separate=(("chute_logic", "release_driver"), ("chute_logic", "chute_driver")))
     bound = replace(apart, together=(("chute_logic", "chute_driver"),))
     found = explained(bound, "parachute")
@@ -174,7 +174,7 @@ def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
     assert in_words(CHUTE, Assumption("deadlines", "")) == "data must arrive in time"
 
 
-def test_what_nobody_gives_has_no_reason_that_could_be_otherwise() -> None:
+def test_a_variable_without_a_giver_has_no_reason_that_could_be_relaxed() -> None:
     modules = {name: module for name, module in CHUTE.modules.items() if name != "elevator_control"}
     found = explained(replace(CHUTE, modules=modules), "elevator")
     assert (found.reasons, found.repairs) == ((), ())
