@@ -129,7 +129,7 @@ def test_a_phase_that_does_not_fit_with_everything_up_is_not_asked_what_it_loses
 
 
 def test_big_blue_keeps_its_promise() -> None:
-    """No single processor carries a class A function alone; what class A hangs on is the bus, and pieces of logic."""
+    """No single processor carries a class A function alone; what class A depends on is the bus, and pieces of logic."""
     data = shipped_spec_path("big_blue").read_bytes()
     told = assessed(data)
     class_a = [finding for finding in told if "(A" in finding.sentence]

@@ -68,21 +68,21 @@ def mended(spec: Spec, found: Explanation) -> list[tuple[Spec, Situation]]:
 def test_a_fault_is_the_reason_and_its_end_the_repair(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--down", "device:gps")
     assert out.startswith("elevator is not served: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is")
-    assert out.endswith("because, all at once:\n  pe:tail_pe is down\nmended by:\n  pe:tail_pe comes back\n")
+    assert out.endswith("because, all at once:\n  pe:tail_pe is down\nrepaired by:\n  pe:tail_pe comes back\n")
 
 
 def test_two_faults_that_each_suffice_to_lose_it_must_both_be_repaired(capsys: pytest.CaptureFixture[str]) -> None:
     down = ("--down", "device:chute_solenoid", "--down", "module:chute_logic")
     out = run(capsys, "elevator_and_chute", "parachute", *down)
-    assert "\nbecause, all at once:\n  module:chute_logic is down\nmended by:\n" in out, "either of them is enough"
-    assert out.endswith("mended by:\n  device:chute_solenoid comes back, and module:chute_logic comes back\n")
+    assert "\nbecause, all at once:\n  module:chute_logic is down\nrepaired by:\n" in out, "either of them is enough"
+    assert out.endswith("repaired by:\n  device:chute_solenoid comes back, and module:chute_logic comes back\n")
 
 
 def test_a_worse_mode_has_reasons_too(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "big_blue", "guidance", "--down", "device:gps", "--phase", "glide")
     assert out == (
         "guidance is served in glide, but only in mode level: value 30 instead of 100\n"
-        "because, all at once:\n  device:gps is down\nmended by:\n  device:gps comes back\n"
+        "because, all at once:\n  device:gps is down\nrepaired by:\n  device:gps comes back\n"
     )
 
 
@@ -122,7 +122,7 @@ def test_for_a_function_without_room_the_answer_names_how_much_would_be_enough()
     assert len(found.repairs) > 1
     assert found.repairs[0].restore == ("pe:sensor_pe",)
     text = why_command._text(TIGHT, found)
-    assert "any one of these repairs it:\n  pe:sensor_pe comes back\n" in text
+    assert "repaired by any one of these:\n  pe:sensor_pe comes back\n" in text
     assert "cores more on pe control_pe (" in text
     document = json.loads(why_command._json(TIGHT, found))
     assert any(one["add"] and one["add"][0]["kind"] == "cpu" for one in document["repairs"])

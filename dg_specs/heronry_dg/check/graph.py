@@ -118,11 +118,11 @@ def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
                     findings.add(rules.UNPRODUCED, place, sentence, hint)
                 elif not wiring.is_given(leaf):
                     there = listed([f"{leaf.variable}@{version}" for version in sorted(wiring.givers[leaf.variable])])
-                    sentence = f"module '{module.name}' reads {_asked(leaf)}, which no module gives"
+                    sentence = f"module '{module.name}' reads {_accepted_text(leaf)}, which no module gives"
                     findings.add(rules.UNGIVEN_VERSION, place, sentence, f"what is given is {there}")
 
 
-def _asked(leaf: Leaf) -> str:
+def _accepted_text(leaf: Leaf) -> str:
     if leaf.best == leaf.worst:
         return f"'{leaf.variable}@{leaf.best}'"
     return f"'{leaf.variable}@<={leaf.worst}'"

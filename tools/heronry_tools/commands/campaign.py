@@ -62,8 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html is not None:
         expect_writable(arguments.html)
     required = [read_requirement(spec, text) for text in arguments.require]
-    asked = scope_of(spec, arguments)
-    scope = feasible(replace(asked, faults=max([asked.faults, *(one.faults for one in required)])))
+    named = scope_of(spec, arguments)
+    scope = feasible(replace(named, faults=max([named.faults, *(one.faults for one in required)])))
     for one in required:
         if one.phase is not None and one.phase not in scope.phases:
             raise UserError(f"--require '{one.text}': phase {one.phase} is not examined; add --phase {one.phase}")

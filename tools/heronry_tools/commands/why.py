@@ -63,7 +63,7 @@ def _text(spec: "Spec", found: "Explanation") -> str:
     if found.reasons:
         lines += ["because, all at once:", *(f"  {in_words(spec, one)}" for one in found.reasons)]
     if found.repairs:
-        lines += ["mended by:" if len(found.repairs) == 1 else "any one of these repairs it:"]
+        lines += ["repaired by:" if len(found.repairs) == 1 else "repaired by any one of these:"]
         lines += [f"  {_repair(spec, one)}" for one in found.repairs]
     elif found.reasons:
         lines.append("no returning element and no added capacity repairs it")

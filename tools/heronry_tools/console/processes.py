@@ -67,14 +67,14 @@ def held_back() -> Iterator[None]:
             signal.raise_signal(came[0])
 
 
-def in_order(asked: deque[Future[R]]) -> Iterator[R]:
+def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
     """Yield the results of tasks given to worker processes, in this order, and keep none of them.
 
     Like `Executor.map`, but results that are no longer needed are not cancelled: where the workers are killed as well,
     the executor's thread would end with a traceback on a cancelled task (Python 3.11).
     """
-    while asked:
-        yield asked.popleft().result()
+    while tasks:
+        yield tasks.popleft().result()
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:

@@ -139,8 +139,8 @@ class Story:
         """A line for a suspected PE only once it is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
-            asked = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
-            yield Line(f"{pe} is lost: {asked}{event['cause']}", "fault")
+            pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
+            yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
             self._suspects.add(pe)

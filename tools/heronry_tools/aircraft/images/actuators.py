@@ -77,15 +77,15 @@ class Charge(Module):
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
-        self._asked = 0
+        self._demanded = 0
         self._fired = False
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Write 1 for fired, else 0; a period without a demand changes nothing."""
         demand = whole(inputs, self.demand)
         if demand is not None:
-            self._asked = self._asked + 1 if demand != 0 else 0
-        self._fired = self._fired or self._asked >= 2
+            self._demanded = self._demanded + 1 if demand != 0 else 0
+        self._fired = self._fired or self._demanded >= 2
         self.ctx.write(int(self._fired))
         return {}
 

@@ -34,7 +34,7 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
     entries = iter(list(_entries(made)))
     parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
     with Progress() as progress:
-        progress.begin("entries judged", sum(map(len, parts)))
+        progress.begin("entries verified", sum(map(len, parts)))
         if executor is None:
             found = []
             for part in parts:

@@ -40,8 +40,8 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
         raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
-    asked = arguments.phase or phases_of(spec)
-    phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
+    wanted = arguments.phase or phases_of(spec)
+    phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in wanted))
     kinds = kinds_of(arguments.kinds)
     return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
 

@@ -12,7 +12,7 @@ from heronry_dg.rules.samples import DRIVER, RUNS
 
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
-_ASKED: Final = (
+_PLANNED: Final = (
     "The planner makes the best plan without the element, in every phase in which all critical functions fit "
     "with everything up."
 )
@@ -95,7 +95,7 @@ LOST_WITH_HARDWARE = FAMILY.warning(
     "lost-with-hardware",
     what="A function of class A or B is lost when one PE, device or bus fails.",
     why="Every flight must expect one fault. A function without an alternative, and one whose alternative has no "
-    f"room, are reported alike. {_ASKED}",
+    f"room, are reported alike. {_PLANNED}",
     fix="Double the device on another PE (a DEMUX chooses between actuators), give the bus `channels: 2`, let modules "
     "run on more PEs or with less, or accept it with a reason: `# dg: ignore[DG401] one engine`.",
     bad=_doubled("A", pitot_pe="nav"),
@@ -105,8 +105,8 @@ LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     "DG402",
     "lesser-lost-with-hardware",
     what="A function of class C or D is lost when one PE, device or bus fails.",
-    why=f"It has a code of its own beside DG401, so that one can be an error and the other accepted. {_ASKED}",
-    fix="As for DG401; or make the function class E, if nobody depends on it.",
+    why=f"It has a code of its own beside DG401, so that one can be an error and the other accepted. {_PLANNED}",
+    fix="As for DG401; or make the function class E, if nothing depends on it.",
     bad=_doubled("C", pitot_pe="nav"),
     good=_doubled("C", pitot_pe="tail"),
 )
@@ -115,7 +115,7 @@ LOST_WITH_MODULE = FAMILY.warning(
     "lost-with-module",
     what="A function of class A or B is lost when one module fails, though all hardware works.",
     why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
-    f"where the same is told of their device. {_ASKED}",
+    f"where their device has the same finding. {_PLANNED}",
     fix="Add a second module that gives the same variable, best of another design, if need be in a worse version; or "
     "accept it with a reason.",
     bad=_smoothed("A", "smoother"),
@@ -125,8 +125,8 @@ LESSER_LOST_WITH_MODULE = FAMILY.warning(
     "DG404",
     "lesser-lost-with-module",
     what="A function of class C or D is lost when one module fails, though all hardware works.",
-    why=f"It has a code of its own beside DG403, so that one can be an error and the other accepted. {_ASKED}",
-    fix="As for DG403; or make the function class E, if nobody depends on it.",
+    why=f"It has a code of its own beside DG403, so that one can be an error and the other accepted. {_PLANNED}",
+    fix="As for DG403; or make the function class E, if nothing depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
 )

@@ -63,10 +63,10 @@ def _fits(subject: Subject, findings: Findings, module: Module) -> None:
 
 def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:
     if not hosts:
-        asked = [f"feature {name}" for name in sorted(module.requires)]
-        asked += [f"device {module.device}"] if module.device is not None else []
-        asked += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
-        return f"none has what it requires, {listed(asked)}" if asked else "there is none"
+        required = [f"feature {name}" for name in sorted(module.requires)]
+        required += [f"device {module.device}"] if module.device is not None else []
+        required += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
+        return f"none has what it requires, {listed(required)}" if required else "there is none"
     least = min(module.modes.values(), key=lambda mode: (mode.cpu_millis, mode.ram))
     return _too_large(spec, module, least, hosts)
 

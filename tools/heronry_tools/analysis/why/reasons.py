@@ -165,11 +165,11 @@ def _smallest_hitting(
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
     """Find out how much of each capacity it takes: of one after the other, with the rest unlimited until measured."""
     capacities = [one for one in parts if one.kind in CAPACITIES]
-    mended = relaxed(question, parts)
+    repaired = relaxed(question, parts)
     needed = []
     for one in capacities:
-        amount = _least_amount(mended, one, capacity(question.spec, one))
-        mended = replace(mended, spec=with_capacity(mended.spec, one, amount))
+        amount = _least_amount(repaired, one, capacity(question.spec, one))
+        repaired = replace(repaired, spec=with_capacity(repaired.spec, one, amount))
         needed.append((one, amount))
     return Repair(tuple(one.name for one in parts if one.kind == "down"), tuple(needed))
 

@@ -91,7 +91,7 @@ class Fleet:
         self._managers: dict[int, subprocess.Popen[bytes]] = {}  # by node
         self._buses: Mapping[str, BusChoice] = {}
         self._tables = write_tables(spec, spec.pes, folder / "tables", made)
-        self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
+        self._plant_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
 
     def __enter__(self) -> Self:
         return self
@@ -155,25 +155,25 @@ class Fleet:
         if not answer.done:
             raise UserError(f"{place}: {answer.sentence}")
 
-    def stop(self, who: str | int) -> None:
+    def stop(self, node: str | int) -> None:
         """Stop the process of a PE, or of the manager with this node-ID (SIGSTOP)."""
-        self._process(who).send_signal(signal.SIGSTOP)
+        self._process(node).send_signal(signal.SIGSTOP)
 
-    def go_on(self, who: str | int) -> None:
+    def go_on(self, node: str | int) -> None:
         """Let a stopped process go on (SIGCONT)."""
-        self._process(who).send_signal(signal.SIGCONT)
+        self._process(node).send_signal(signal.SIGCONT)
 
-    def _process(self, who: str | int) -> subprocess.Popen[bytes]:
-        process = self._pes.get(who) if isinstance(who, str) else self._managers.get(who)
+    def _process(self, node: str | int) -> subprocess.Popen[bytes]:
+        process = self._pes.get(node) if isinstance(node, str) else self._managers.get(node)
         if process is None:
-            raise UserError(f"{f'pe:{who}' if isinstance(who, str) else f'manager {who}'} does not run")
+            raise UserError(f"{f'pe:{node}' if isinstance(node, str) else f'manager {node}'} does not run")
         return process
 
     def start_pe(self, pe: str) -> int:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += [f"--bench-origin={self._bench_origin_ns}", *self._key_flags]
+        arguments += [f"--bench-origin={self._plant_origin_ns}", *self._key_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)

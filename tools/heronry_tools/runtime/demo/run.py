@@ -30,7 +30,7 @@ from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a process that dies is noticed immediately
 GRACE_S = 15.0  # extra time for what was begun before the time was up
 LONG_SILENCE_NS = 1_000_000_000  # silence that is reported before it is over
-_LOOK_S = 0.1  # how often the witness is asked for outages
+_LOOK_S = 0.1  # period of the look for outages
 
 Tell = Callable[[Mapping[str, Any]], None]
 

@@ -96,11 +96,11 @@ def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) ->
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
     """Finding about a replicated bus: whether every node that is heard is heard on both channels."""
     names = {} if expected is None else expected.pes
-    everybody = set().union(*heard.on_channel.values())
+    all_nodes = set().union(*heard.on_channel.values())
     lacking = [
-        f"{', '.join(names.get(node, str(node)) for node in sorted(everybody - there))} on {channel}"
+        f"{', '.join(names.get(node, str(node)) for node in sorted(all_nodes - there))} on {channel}"
         for channel, there in heard.on_channel.items()
-        if everybody - there
+        if all_nodes - there
     ]
     if lacking:
         remedy = "check the wire of that channel: all of it, where no node is heard on it, else that node's own"

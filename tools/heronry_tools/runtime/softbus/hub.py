@@ -2,7 +2,7 @@
 
 What it decides: which clients may connect, and when each frame that `line.py` lets through goes to which client.
 
-Each round notes the time, asks the kernel for everything that has arrived by then, and only then lets the
+Each round notes the time, reads everything that has arrived by then, and only then lets the
 line advance to the noted time: no offer made earlier is overlooked. After a round that slept, the next one
 looks again without sleeping before it decides. `select` is used because its time-out counts microseconds;
 the one of `epoll` counts whole milliseconds.

@@ -43,7 +43,7 @@ class Link:
         self._path = path
         self._lock = threading.Lock()
         self._mailbox_full = False
-        self._asked = 0
+        self._commands = 0
         self._answered = 0
         self._answer: dict[str, Any] = {}
 
@@ -67,8 +67,8 @@ class Link:
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)
-            self._asked += 1
-            while self._answered < self._asked:
+            self._commands += 1
+            while self._answered < self._commands:
                 if not self._take_in(deadline_s):
                     raise CanOperationError(f"{self._path}: the hub does not answer")
             return self._answer

@@ -62,7 +62,7 @@ def make_interfaces(job: "Job") -> None:
 def prepare_terminal(job: "Job") -> None:
     """Make the guest's terminal as wide as the user's, hand it to the user, and let bytes pass unchanged."""
     rows, columns = job["rows_columns"]
-    os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that nobody holds forgets its size
+    os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that no process holds forgets its size
     busybox(job, "stty", "-F", TERMINAL, "-opost", "rows", str(rows), "cols", str(columns))
     os.chown(TERMINAL, job["user"], job["group"])
 

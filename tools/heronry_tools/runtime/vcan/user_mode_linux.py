@@ -125,7 +125,7 @@ def _job_folder() -> Iterator[Path]:
 
 def _roomy_folder(*, hidden_in_guest: bool) -> str:
     """A folder for the guest's memory (or for the job, which the guest must see) from which programs may be mapped."""
-    candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - asked, not assumed
+    candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - tried, not assumed
     for folder in candidates:
         if not folder.startswith("/") or len(folder.split()) != 1 or ":" in folder:
             continue  # such a name would fall apart on the kernel's command line and in LD_PRELOAD
