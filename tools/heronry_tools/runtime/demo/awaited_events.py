@@ -31,7 +31,7 @@ class AwaitedEvents:
                 if last in kinds and pe in (None, told.get("pe")):
                     return told
             if time.monotonic() > until_s:
-                raise SystemExit(f"the benchmark has ended: no {' or '.join(kinds)} in {LONGEST_S:g} s, after {last}")
+                raise SystemExit(f"the benchmark ends here: no {' or '.join(kinds)} in {LONGEST_S:g} s, after {last}")
             self._read(max(0.0, until_s - time.monotonic()))
 
     def take(self) -> list[dict[str, Any]]:
@@ -44,4 +44,4 @@ class AwaitedEvents:
     def _read(self, wait_s: float) -> None:
         self._come += self._stream.take(wait_s)
         if self._stream.has_ended:
-            raise SystemExit(f"the benchmark has ended: {self._fleet.ended() or 'a manager has closed its events'}")
+            raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")

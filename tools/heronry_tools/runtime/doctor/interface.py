@@ -59,7 +59,7 @@ def _assess_bitrate(interface: CanInterface, bitrate: int | None) -> Finding:
 
 def _assess_errors(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name, state = interface.name, interface.state
-    look = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
+    look = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
     if state is ControllerState.BUS_OFF:
         yield Finding("errors", f"{name} is bus-off", f"ip link set {name} down && {_up(interface, bitrate)}")
         return
