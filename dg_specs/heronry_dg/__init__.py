@@ -1,1 +1,1 @@
-"""What may run: the spec language, its loader, and the judge of configurations."""
+"""What may run: the spec language, its loader, and the verifier of configurations."""

@@ -1,9 +1,10 @@
 """Every message on a bus, with its worst-case response time: data, and what manages them.
 
-The data and what stands above them are those of rule 9 (`response_times`), under the identifiers that they really have:
-LEASE and ALIVE of a manager, the state of each PE on the bus. Below the data come the CANopen heartbeats, once a
-second; rule 9 counts them, and whatever else is down there, as one 8-byte frame that has just started. Response times
-count from when a message is due at its source; that of a datum on its second bus holds the first one's as well.
+The data and what stands above them are those of semantics rule 9 (`response_times`), under the identifiers that they
+really have: LEASE and ALIVE of a manager, the state of each PE on the bus. Below the data come the CANopen heartbeats,
+once a second; semantics rule 9 counts them, and all else below the data, as one 8-byte frame that has just started.
+Response times count from when a message is due at its source; that of a datum on its second bus holds the first one's
+as well.
 
 What is not regular has no line of its own: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL go out within the room that
 the reserve leaves, and outputs are echoed below everything.
@@ -40,12 +41,12 @@ class ScheduledMessage:
     data_bytes: int
     bits: int  # of its longest frame
     period_ns: int
-    response_ns: int | None  # None: nothing bounds it, or the bus is not analysed
+    response_ns: int | None  # None: it has no bound, or the bus is not analysed
     deadline_ns: int
 
     @property
     def slack_ns(self) -> int | None:
-        """What is left of the deadline; less than nothing where it can be missed."""
+        """What is left of the deadline in ns; negative where it can be missed."""
         return None if self.response_ns is None else self.deadline_ns - self.response_ns
 
 
@@ -58,7 +59,7 @@ class BusSchedule:
     messages: tuple[ScheduledMessage, ...]  # most urgent first
     data: Fraction
     data_limit: Fraction  # max_load - reserve, or what is left of it
-    management: Fraction  # everything regular that is no data
+    management: Fraction  # everything regular that is not data
     blocking_ns: int  # the longest frame that may just have started
 
     def share(self, message: ScheduledMessage) -> Fraction:
@@ -67,13 +68,13 @@ class BusSchedule:
 
     @property
     def reserve_left_frames_per_s(self) -> int:
-        """Longest frames a second that the reserve still has room for; none where it is overdrawn."""
+        """Longest frames a second that the reserve still has room for; 0 where it is exceeded."""
         left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
         return max(0, int(left))
 
 
 def bus_schedules(spec: Spec, now: Situation, configuration: Configuration) -> list[BusSchedule]:
-    """Give every bus of the spec with what it carries under a configuration, whose names must exist in the spec.
+    """Return what every bus of the spec carries under a configuration, whose names must exist in the spec.
 
     Raises WireError where the spec has more sources than identifiers.
     """

@@ -1,6 +1,6 @@
 """A configuration: which modules run, each in one mode on one PE, and what each of their inputs is wired to.
 
-A value, nothing more: whether it is legal is for `verify` to say, how good it is for `objective`.
+It is only a value: `verify` tells whether it is legal, `objective` how good it is.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,8 +1,8 @@
 """A spec half read: every element with its place, and its fields where they made sense.
 
-Elements are judged one by one, so that a mistake in one leaves the others readable. One with a mistake stays in the
-draft by name, with `form` None ("broken"): a reference to it is not an unknown name, and whoever needs its fields
-passes over it in silence.
+Elements are read one by one, so that a mistake in one leaves the others readable. One with a mistake stays in the draft
+by name, with `form` None ("broken"): a reference to it is not an unknown name, and code that needs its fields skips it
+without a finding.
 
 Here pydantic's errors become findings: each is translated into a sentence about the field, at the place of its value.
 """
@@ -32,7 +32,7 @@ _NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in a
 _PRINTABLE: Final = (
     rules.BAD_TEXT,
     "1 to 64 printable characters without quotes and backslashes",
-    "leave out quotes, backslashes and what cannot be seen",
+    "leave out quotes, backslashes and invisible characters",
 )
 _WANTED: Final = {  # per type of pydantic error: the rule, what was wanted, and a hint
     "bool_type": (rules.WRONG_TYPE, "true or false", "write true or false, without quotes"),
@@ -129,7 +129,7 @@ class _DraftReader:
         return self._form("the spec", self._root.place, node, schema.HeaderForm, field_names(schema.SpecForm))
 
     def _single(self, key: str, form: type[F_co]) -> Element[F_co]:
-        """An element of which there is one, and which may be left out."""
+        """An element that a file has at most once."""
         entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
         return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
 

@@ -1,4 +1,4 @@
-"""What may stop while nobody commands: the modules that serve nothing critical (`without_manager: safe_mode`).
+"""What may stop without a manager: the modules that serve nothing critical (`without_manager: safe_mode`).
 
 A function is critical here if it is of class A to D in some phase in which it is wanted: the phase cannot change while
 no manager is there to change it, and what a later phase needs should not have to be found again. A module of a
@@ -14,7 +14,7 @@ _NOT_CRITICAL = len(CRITICALITIES) - 1
 
 
 def expendable(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Give the modules of a legal configuration that serve nothing critical."""
+    """Return the modules of a legal configuration that serve nothing critical."""
     critical = [f for f in spec.functions.values() if best_rank(spec, f) < _NOT_CRITICAL]
     frontier = [output for function in critical for output in function.outputs if output in configuration.modules]
     kept: set[str] = set()

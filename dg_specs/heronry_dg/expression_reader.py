@@ -1,10 +1,11 @@
 """Gate expressions, from the tree of the file to `gates.Expression` with all named gates written out.
 
-A `Reading` is an expression together with what its surroundings must know of it: where each leaf was written (for a
+A `Reading` is an expression together with what the gates around it need to know: where each leaf was written (for a
 leaf out of a named gate: where that gate was named), whether it holds with nothing wired, which DEMUXes it names, how
-deep it is. Named gates are read before those that name them, in an order that also shows the cycles among them, so
-reading never follows a name into the unknown. Each is read once per default worth (leaves below an OR or a XOR have
-another), and the result is shared by all who name it; gates that would unfold into too much are refused by counting.
+deep it is. Named gates are read before those that name them, in an order that also shows the cycles among them, so a
+name always refers to a gate that has been read. Each is read once per default worth (leaves below an OR or a XOR have
+another), and all expressions that name it share the result; gates that would unfold into too many inputs are refused by
+counting.
 
 Where a part makes no sense its reading is None; the parts around it go on being read, for their own mistakes.
 """
@@ -31,7 +32,7 @@ _OPERATORS: Final = ("and", "or", "xor")
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """An expression that made sense, and what those who contain it ask about it."""
+    """An expression without mistakes, and what the gates that contain it need to know."""
 
     expression: Expression
     places: tuple[Place, ...]  # of its leaves, in the order of `gates.leaves`
@@ -52,7 +53,7 @@ class ExpressionReader:
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
-        """Every named gate that is no DEMUX and made sense, written out, in the order of the file."""
+        """Every named gate that is no DEMUX and has no mistake, written out, in the order of the file."""
         readings = ((name, self._gates[name, False]) for name in self._draft.shorthands)
         return {name: reading.expression for name, reading in readings if reading is not None}
 
@@ -277,7 +278,7 @@ class ExpressionReader:
     def _is_small(self, place: Place, inputs: list[Reading]) -> bool:
         if sum(len(reading.places) for reading in inputs) > MOST_LEAVES:
             sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are written out"
-            hint = "let a module in between give what they are needed for"
+            hint = "let a module in between give the variable that they are needed for"
             self._findings.add(rules.GATE_TOO_LARGE, place, sentence, hint)
             return False
         if max(reading.depth for reading in inputs) >= DEEPEST:

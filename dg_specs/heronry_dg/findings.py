@@ -1,11 +1,11 @@
 """What is wrong with a spec: findings, each with its place, and the error that carries them all.
 
 A reader of a spec does not stop at the first mistake. It adds a finding and goes on with what it still understands, so
-that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: of the mistakes
-that stop a spec from being loaded only the first at a place counts, and whoever meets something that is already known
-to be broken says nothing.
+that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: of the mistakes that
+stop a spec from being loaded only the first at a place counts, and code that meets something already known to be broken
+adds no finding.
 
-What can be wrong at all, and under which code, is told in rules/.
+rules/ has all that can be wrong, each with its code.
 """
 
 import difflib
@@ -54,7 +54,7 @@ class Finding:
 
 
 class SpecError(HeronryError, ValueError):
-    """A spec that means nothing; `findings` says why, in the order of the file. Its text is one line per finding."""
+    """A spec that cannot be loaded; `findings` says why, in the order of the file. Its text is one line per finding."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(sorted(findings))
@@ -89,16 +89,16 @@ class Findings:
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
-        """Say `did you mean ...?` where a known name is close, nothing otherwise."""
+        """The hint `did you mean ...?` where a known name is close, else ""."""
         closest = self.closest(name, known)
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Take back what was noted at a place and stops the spec: another finding tells of it better."""
+        """Withdraw a finding at a place that stops the spec: another finding describes it better."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Give the known name that may have been meant, whatever its letters' case; None where none is close."""
+        """Return the known name that may have been meant, ignoring case; None where none is close."""
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)

@@ -1,6 +1,6 @@
 """What must hold of the gates of a whole spec: DEMUXes have branches, votes count a producer once, cycles can start.
 
-Source: docs/semantics.md, section 2, and rule 6 of section 3. A wiring cycle is looked for among all modes at
+Source: docs/semantics.md, section 2, and semantics rule 6. A wiring cycle is looked for among all modes at
 once: mode A leads to mode B where A gives a variable without `initial` in a version that a leaf of B accepts. That two
 modes of one module never run together is not used: a cycle through both would be refused, though it cannot be wired.
 """
@@ -30,7 +30,7 @@ class Gates:
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
-    """Read every expression and check it; what makes no sense is missing from the result, and there is a finding."""
+    """Read every expression and check it; a gate with a mistake is missing from the result, and there is a finding."""
     reader = ExpressionReader(draft, findings)
     assess = _GateRules(draft, findings)
     for module in draft.modules.values():

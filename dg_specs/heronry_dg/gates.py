@@ -5,7 +5,7 @@ loader, so a tree holds no names but those of variables. A leaf is addressed by 
 `""` for a lone leaf, `"0"`, `"0.1"`.
 
 One rule decides everything here: a leaf holds iff it is wired, a gate iff as many of its inputs hold as it demands
-(`bounds`). Whoever asks anything else of a gate asks it of these two numbers. So a new kind of gate is a class, a case
+(`bounds`). Everything else about a gate follows from these two numbers. So a new kind of gate is a class, a case
 in `bounds` and one in `words`, a way to write it (`expression_reader`, `check.json_schema`), and what the greedy
 planner needs, which goes by kinds for its speed. A DEMUX is no node of the tree: the leaf of each of its branches
 carries the DEMUX's name.
@@ -67,16 +67,16 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """How a kind of gate is spoken of."""
+    """The texts for a kind of gate."""
 
-    rule: str  # sub-rule of the judge (`verify`)
+    rule: str  # sub-rule of the verifier (`verify`)
     demand: str  # of how many of its inputs
     written: str  # before its inputs in brackets
     drawn: str  # in a picture
     outline: Literal["and", "or", "xor"]  # of the symbol
 
 
-# What a kind of gate is, stands in the next two functions alone: everything else goes by them.
+# Only the next two functions define the kinds of gates; everything else uses them.
 
 
 def bounds(gate: Gate) -> tuple[int, int]:
@@ -93,7 +93,7 @@ def bounds(gate: Gate) -> tuple[int, int]:
 
 
 def words(gate: Gate) -> Words:
-    """How a gate is spoken of."""
+    """The texts for a gate."""
     match gate:
         case And():
             return Words("3.and", "all must", "and", "AND", "and")
@@ -108,7 +108,7 @@ def words(gate: Gate) -> Words:
 def fold(
     expression: Expression, leaf: Callable[[Leaf, str], T], gate: Callable[[Gate, list[T]], T], path: str = ""
 ) -> T:
-    """Work something out from the leaves up: `leaf` from one and its path, `gate` from one and what its inputs gave."""
+    """Compute a result from the leaves up: `leaf` takes a leaf and its path, `gate` a gate and its inputs' results."""
     if isinstance(expression, Leaf):
         return leaf(expression, path)
     inputs = enumerate(expression.inputs)

@@ -66,7 +66,7 @@ def loads(text: str, name: str) -> Spec:
 
 
 def read_file(path: Path, findings: Findings) -> bytes | None:
-    """Bytes of a file, of one that is too large only so many that this is seen; None, and a finding, where none."""
+    """Bytes of a file, of one that is too large only one more than is allowed; None, and a finding, on an error."""
     try:
         with path.open("rb") as file:
             return file.read(yaml_source.MOST_BYTES + 1)
@@ -97,7 +97,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Everything that loading makes lives on; looking for garbage in it again and again would take quadratic time."""
+    """Switch the garbage collector off: all that loading makes stays, and repeated searches take quadratic time."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -245,7 +245,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """What must be there, since nothing was found wrong."""
+    """Return a value that is there in every spec without findings."""
     if value is None:
         raise AssertionError("a spec without findings is whole")
     return value

@@ -1,18 +1,18 @@
-"""What faults take out of use, and whether a configuration goes on without it.
+"""What faults take out of use, and whether a configuration works without it.
 
 A configuration *uses* the modules it runs, the PEs they run on and the devices they drive. What faults take out of use
 is what they name and what follows from it: a dead PE takes its devices along, and a PE without a route to the
 manager's bus counts as down.
 
-*It lives on iff it uses nothing that is lost.* Then it is as legal and as good as before: rules 3 to 6 and 8 look at
-the configuration alone; capacities do not change; and its frames take the same buses, hence the same bandwidth and the
-same response times. Buses and gateways on its routes need no looking at: each end of a route is in use, so each still
-has a way up to the manager's bus; both ways together hold a route between the ends, and in a forest of buses there is
-no other than the one there was.
+*It stays the best iff it uses nothing that is lost.* Then it is as legal and as good as before: semantics rules 3 to 6
+and 8 concern the configuration alone; capacities do not change; and its frames take the same buses, hence the same
+bandwidth and the same response times. Buses and gateways on its routes need no check: each end of a route is in
+use, so each still has a way up to the manager's bus; both ways together hold a route between the ends, and in a forest
+of buses there is no other than the one there was.
 
 *More faults leave fewer configurations.* Whatever is legal with some elements down is legal, and worth the same, with
 fewer of them down: everything above holds in reverse, and nothing gains by a fault. So a plan that is the best with F
-down, and lives on when E is lost as well, is the best with F and E down, too: at all seven levels, as long as level 4
+down, and uses nothing that is lost with E, is the best with F and E down, too: at all seven levels, as long as level 4
 counts against the same running configuration.
 """
 

@@ -1,12 +1,13 @@
-"""A name that is declared nowhere is one mistake, though everybody who uses it names what is not there.
+"""A name that is declared nowhere is one mistake, however many elements use it.
 
 Two uses of the same unknown name are not two slips: what is wrong is the declaration. Where an element of a name close
-to it is declared, and that one is used by nobody, its declaration is misspelt, and one finding there stands for those
+to it is declared, and nothing uses that one, its declaration is misspelt, and one finding there stands for those
 of all the users. Where no name is close, the declaration is missing, and one finding stands at the section that lacks
-it. Where a name is close and in use, nobody can tell which of the two was meant, and the users are told.
+it. Where a name is close and in use, it is not known which of the two was meant, and the findings stand at the users.
 
-A single use of an unknown name is a slip, and its user is told; unless a declaration that nobody names is close, and
-its words are found nowhere else in the file while those of the use are: a `gsp` is declared, and a `gps_altitude`.
+A single use of an unknown name is a slip, and the finding stands at its user; unless a declaration that nothing names
+is close, and its words are found nowhere else in the file while those of the use are: a `gsp` is declared, and a
+`gps_altitude`.
 """
 
 from collections import Counter
@@ -19,7 +20,7 @@ from heronry_dg.draft import Draft
 from heronry_dg.findings import Findings, Place, Use, listed, shown
 from heronry_dg.rules import graph as rules
 
-_SECTIONS: Final[Mapping[str, str]] = {  # where an element is declared, by what its users take it for
+_SECTIONS: Final[Mapping[str, str]] = {  # where an element is declared, by the kind that its users expect
     "bus": "buses",
     "pe": "pes",
     "device": "devices",
@@ -62,8 +63,8 @@ def _misspelt(draft: Draft, findings: Findings, name: str, uses: list[Use], decl
     place = _declared(draft, declared)
     if place is not None:
         times = f"{len(uses)} times" if len(uses) > 1 else "once"
-        sentence = f"nobody names {shown(declared)}, and {times} {shown(name)} is named, which there is not"
-        hint = f"rename it to {name}, or mend {_lines(uses)}"
+        sentence = f"nothing names {shown(declared)}, and {times} {shown(name)} is named, which does not exist"
+        hint = f"rename it to {name}, or fix {_lines(uses)}"
         _one_for_all(findings, uses, place, sentence, hint)
 
 
@@ -73,7 +74,7 @@ def _missing(draft: Draft, findings: Findings, name: str, uses: list[Use]) -> No
         closest = uses[0].closest
         sentence = f"'{section}' has no {shown(name)}, which is named {len(uses)} times"
         suggestion = f": did you mean '{closest}'?" if closest is not None else ""
-        hint = f"declare it here, or mend {_lines(uses)}{suggestion}"
+        hint = f"declare it here, or fix {_lines(uses)}{suggestion}"
         _one_for_all(findings, uses, draft.root.entries[section].place, sentence, hint)
 
 

@@ -1,11 +1,11 @@
-"""A spec, as the loader hands it to everybody else: frozen, checked, exact.
+"""A spec, as the loader hands it to all other code: frozen, checked, exact.
 
 Quantities are integers: CPU in thousandths of a reference core, memory in bytes, rates in millihertz, bandwidth in
 bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions. Mappings keep the order of the file,
 and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
 DEMUX is its primary, and ties in identifier allocation go to the earlier name.
 
-What is true of every `Spec` (the loader sees to it): names are unique within their kind, every name that is referred
+What is true of every `Spec` (the loader ensures it): names are unique within their kind, every name that is referred
 to exists, the buses form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value,
 gates have legal arities, and a DEMUX has at least two branches.
 """
@@ -39,7 +39,7 @@ class Bus:
 
 @dataclass(frozen=True, slots=True)
 class Manager:
-    """Where the manager sits, and what a PE does when it hears none."""
+    """The managers' bus, and what a PE does when it hears none."""
 
     bus: str
     without_manager: Literal["keep", "safe_mode"] = "keep"
@@ -101,7 +101,7 @@ class Mode:
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """The quantum that is scheduled."""
+    """A piece of software that is started, stopped and moved as a whole."""
 
     name: str
     image: str
@@ -202,7 +202,7 @@ class Spec:
     contingency: Contingency = Contingency()
 
     def initial_phase(self) -> str | None:
-        """Name of the phase that counts when none is asked for."""
+        """Name of the phase that counts when none is given."""
         return next(iter(self.phases), None)
 
     def producers(self, variable: str) -> Iterator[tuple[Module, Mode]]:

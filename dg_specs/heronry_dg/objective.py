@@ -2,7 +2,7 @@
 
 Critical functions first (by class A to D), then utility, supplied inputs, few changes against what runs, primary
 branches, little bandwidth, little CPU. Everything is an integer, so that any two programs agree on every comparison.
-`score` takes a configuration at its word: it does not ask whether it is legal (that is `verify`), but every name in
+`score` does not check whether a configuration is legal (that is `verify`), but every name in
 it must exist in the spec.
 """
 
@@ -61,7 +61,7 @@ def score(
 def score_among(
     left: Survivors, phase: str | None, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Do what `score` does, where it is known already what a situation leaves."""
+    """Do what `score` does, where the survivors of the situation are known already."""
     spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
     published = hops(left, configuration)

@@ -49,7 +49,7 @@ class Surprise:
     hint: str
 
 
-@lru_cache(maxsize=4096)  # a file says the same words again and again
+@lru_cache(maxsize=4096)  # the same words occur again and again in a file
 def resolve(text: str) -> Value | Surprise:
     """Value of a plain scalar, or why it is refused."""
     if text in _WORDS:
@@ -87,7 +87,7 @@ def _number(text: str) -> int | Decimal | str | Surprise:
 
 
 def _odd_number(text: str) -> str | Surprise:
-    """Judge what looks like a number to some program, though not to this one; anything else is text (`64KiB`)."""
+    """Refuse what some programs, though not this one, read as a number; anything else is text (`64KiB`)."""
     shown = text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "..."
     if _OTHER_BASE.fullmatch(text):
         return Surprise(file.NOT_DECIMAL, f"'{shown}' is not a decimal number", _decimal_hint(text))

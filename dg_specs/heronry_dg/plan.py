@@ -1,11 +1,11 @@
 """A plan: a configuration with the situation it is for, what it is worth, whether that is proven, and its report.
 
-The report (`plan_report`: functions, PEs, buses) follows from the rest, and is worked out when it is read. The JSON
-form is the file that `heronry plan` writes. What reads it:
+The report (`plan_report`: functions, PEs, buses) follows from the rest, and is computed when it is read. The JSON form
+is the file that `heronry plan` writes. What reads it:
 
-    read_plan            all of it, for one of our own plans; its value and its report are worked out anew
+    read_plan            all of it, for a plan of this project; its value and its report are worked out anew
     read_situation       phase, faults and limits; what is missing is as in a healthy first phase
-    read_configuration   nothing but `modules`: a plan to be judged may come from any planner
+    read_configuration   nothing but `modules`: a plan to be verified may come from any planner
     read_running         nothing but `pe` and `mode` of the modules: what runs now
 
 Whatever is malformed gives one PlanError, whose sentence names the place.
@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def functions(self) -> Mapping[str, FunctionReport]:
-        """What becomes of each function."""
+        """How each function is served, or why not."""
         return self.report.functions
 
     @property
@@ -154,7 +154,7 @@ def plan_with_bounds(
 
 
 def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelReport, ...]:
-    """Say for each level what it is and how good it could be; without bounds nothing is known of that."""
+    """For each level its value and how good it could be; without bounds the latter is not known."""
     bounds = bounds or (None,) * len(LEVELS)
     return tuple(
         LevelReport(
@@ -205,7 +205,7 @@ def _percent(share: Fraction) -> str:
 
 
 def read_plan(text: str, spec: Spec) -> Plan:
-    """Read one of our own plans back; its report is worked out anew, and its claims about itself must be true."""
+    """Read a plan of this project back; its report is computed anew, and its value and proof must agree with it."""
     document = _document(text)
     if _field(document, "spec", str, "the plan") != spec.digest:
         raise PlanError(f"the plan was made for another file than spec {spec.name}: plan again")
@@ -229,7 +229,7 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
         raise PlanError("levels are not those of the plan's objective: plan again")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
-        raise PlanError("optimal is not what the plan's levels say: plan again")
+        raise PlanError("optimal does not agree with the plan's levels: plan again")
     return levels
 
 
@@ -267,7 +267,7 @@ def read_configuration(text: str) -> Configuration:
 
 
 def configuration_of(document: Json) -> Configuration:
-    """Do the same with what JSON text says."""
+    """Read the same from a parsed JSON document."""
     return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(document)})
 
 

@@ -1,7 +1,7 @@
-"""The report of a plan: what becomes of each function, and what is used of each PE and each bus.
+"""The report of a plan: how each function is served, and what is used of each PE and each bus.
 
-It follows from the spec, the situation and the configuration, and is for people and other programs. So it is worked out
-when somebody reads it, each part once: why functions are not served takes longer to find out than many a plan took.
+It follows from the spec, the situation and the configuration, and is for people and other programs. So it is computed
+when it is read, each part once: the reasons why functions are not served take longer than many a plan.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from heronry_dg.why_not import Feasible, feasible, why_not
 
 @dataclass(frozen=True, slots=True)
 class FunctionReport:
-    """What became of a function."""
+    """How a function is served, or why not."""
 
     served: bool
     mode: str | None  # of the module that serves it
@@ -49,7 +49,7 @@ class Report:
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
     ) -> None:
-        """`reasons`: why functions are not served, where somebody knows better than `why_not` does by itself.
+        """`reasons`: why functions are not served, where the planner knows better than `why_not` does by itself.
 
         Every name in the configuration must exist in the spec.
         """
@@ -60,12 +60,12 @@ class Report:
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:
-        """Work everything out now, so that reading it takes no time."""
+        """Compute everything now, so that reading it takes no time."""
         _ = self.functions, self.pes, self.buses
 
     @cached_property
     def functions(self) -> Mapping[str, FunctionReport]:
-        """What becomes of each function, in the spec's order."""
+        """How each function is served, or why not, in the spec's order."""
         found: Feasible | None = None
         reports = {}
         for function, output in serving_modules(self._spec, self._configuration):

@@ -1,7 +1,7 @@
 """What must hold between the elements of a spec, its gates apart: names refer to something, numbers fit one another.
 
-Each rule looks at the draft and adds findings. A rule passes over broken elements, about which there is a finding
-already, and a reference to one of them is good: the name is there.
+Each rule looks at the draft and adds findings. A rule skips broken elements, about which there is a finding already; a
+reference to one of them is correct, since the name is there.
 
 Source: docs/semantics.md, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
 """
@@ -94,7 +94,7 @@ class _ReferenceRules:
         elif form.bus is not None and form.bus not in self._draft.buses:
             self._findings.unknown(graph.UNKNOWN_NAME, place, "bus", form.bus, self._draft.buses.keys())
         elif form.bus is not None and wired and form.bus not in wired:
-            sentence = f"the manager sits on bus '{form.bus}', which is wireless"
+            sentence = f"the manager is on bus '{form.bus}', which is wireless"
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def devices(self) -> None:

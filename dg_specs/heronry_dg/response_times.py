@@ -28,7 +28,7 @@ class Response:
     """The longest time from when a datum is due at its source to its last bit on a wired bus."""
 
     hop: Hop
-    response_ns: int | None  # rounded up; None: nothing bounds it
+    response_ns: int | None  # rounded up; None: there is no bound
     deadline_ns: int  # rounded down
     meets_deadline: bool
 
@@ -53,7 +53,7 @@ class ResponseTimes:
         self.spec = spec
         self.identifiers = identifiers(spec)
         self.management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
-        self._punctual: dict[Hop, Message] = {}  # without jitter, as far as they have been asked for
+        self._punctual: dict[Hop, Message] = {}  # without jitter, as far as they have been computed
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
         """Response time of every hop on a wired bus: by bus in the spec's order, by priority."""

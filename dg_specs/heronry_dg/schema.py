@@ -1,9 +1,9 @@
 """The fields of a spec: what may be written, what each field means, and what counts where it is left out.
 
 One pydantic model per kind of element, each field with its description and examples; the file's JSON schema comes from
-here as well. The models judge one element at a time and know nothing of the others: whether a name refers to something
-is for reference_rules.py to say. Field names are those of the file; where the unit inside differs, the attribute has
-another name than the field (`rate_hz` is kept as `rate_mhz`).
+here as well. The models check one element at a time and know nothing of the others: reference_rules.py checks whether a
+name refers to something. Field names are those of the file; where the unit inside differs, the attribute has another
+name than the field (`rate_hz` is kept as `rate_mhz`).
 
 Gate expressions are `Any` here: expression_reader.py reads them from the tree, because it must name places in them.
 """
@@ -42,7 +42,7 @@ _NS_PER_MS: Final = 1_000_000
 
 
 def _default(element: type, field: str) -> Any:
-    """What counts where a field is left out: the model says it, once."""
+    """The default of a field, which only the model defines."""
     return next(one.default for one in fields(element) if one.name == field)
 
 
@@ -201,7 +201,7 @@ class BusForm(Fallible):
 
 
 class ManagerForm(Form):
-    """Where the managers sit, and what a PE does when it hears none."""
+    """The bus of the managers, and what a PE does when it hears none."""
 
     bus: str | None = Field(default=None, description="Their bus; the first wired one if left out.", examples=["can0"])
     without_manager: Literal["keep", "safe_mode"] = Field(
@@ -226,7 +226,7 @@ class PeForm(Fallible):
     features: Names = Field(default=[], description="Labels that a module may require.", examples=[["fpu"]])
     table_bytes: PositiveMemory = Field(
         default=_default(Pe, "table_bytes"),
-        description="Memory for the table of modules and contingencies that the PE is given.",
+        description="Memory for the PE's table, with modules and contingencies.",
         examples=["4KiB"],
     )
 
@@ -309,7 +309,7 @@ class ModuleForm(Fallible):
     )
     restarts: Restarts = Field(
         default=_default(Module, "restarts"),
-        description="How often its PE builds it anew when it has failed, before it is given up; a minute forgives.",
+        description="How often its PE restarts it before it gives up; a minute without failure resets the count.",
         examples=[0],
     )
     checkpoint: Checkpoint | None = Field(
@@ -425,7 +425,7 @@ class SpecForm(HeaderForm):
         default={}, description="CAN segments by name.", examples=[{"can0": {"bitrate": 1000000}}]
     )
     manager: ManagerForm = Field(
-        default=ManagerForm(), description="Where the managers sit.", examples=[{"bus": "can0"}]
+        default=ManagerForm(), description="The bus of the managers.", examples=[{"bus": "can0"}]
     )
     pes: dict[str, PeForm] = Field(
         default={},
@@ -461,5 +461,5 @@ class SpecForm(HeaderForm):
         examples=[{"climb": {}, "glide": {"when": {"variable": "altitude", "above": 17000}}}],
     )
     contingency: ContingencyForm = Field(
-        default=ContingencyForm(), description="For how much must be planned ahead.", examples=[{"faults": 2}]
+        default=ContingencyForm(), description="The faults to plan ahead for.", examples=[{"faults": 2}]
     )

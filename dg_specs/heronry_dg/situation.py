@@ -1,7 +1,7 @@
 """What is down, what has shrunk, and what is left of the system then.
 
 An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1).
-A `Situation` is what somebody said (faults, limits, phase); `Survivors` is what follows from it: a PE that is down
+A `Situation` is an input (faults, limits, phase); `Survivors` is what follows from it: a PE that is down
 takes its devices and its routes along, and a PE with no route to the manager's bus cannot be commanded and counts as
 down. With the manager's own bus down nothing is left.
 
@@ -97,7 +97,7 @@ def _limits(spec: Spec, texts: Iterable[str]) -> dict[str, Fraction]:
     limits: dict[str, Fraction] = {}
     for element, share in (_limit(spec, text) for text in texts):
         if element in limits:
-            raise UnknownElementError(f"'{element}' is limited twice; say once how much of it is left")
+            raise UnknownElementError(f"'{element}' is limited twice; write once how much of it is left")
         limits[element] = share
     return limits
 

@@ -1,7 +1,7 @@
-"""How one configuration takes over from another: in which steps, and who must have let go before anybody starts.
+"""How one configuration takes over from another: in which steps, and what must stop before what starts.
 
 Every PE changes over at an instant of its own (protocol rule 4), so for a while any mixture of old and new is on the
-buses. What a PE does by itself is never too much: it stops before it starts, in one instant, and old and new each fit.
+buses. One PE alone never exceeds a limit: it stops before it starts, in one instant, and old and new each fit.
 A bus is shared, and so are a DEMUX and the identifiers of a module that moves. The states of one PE:
 
     before   what it runs now
@@ -9,26 +9,27 @@ A bus is shared, and so are a DEMUX and the identifiers of a module that moves. 
              it send and forward, and nothing that is new
     after    after GO_ALL; after GO the same but for DEMUX branches that are new on it
 
-BREAK alone takes away and the rest alone adds. So a mixture of `before` and `broken` loads no bus more than what runs
-now does, and one of `broken` and `after` none more than what is to run: if everybody breaks, and only then anybody
-goes, nothing is exceeded. That costs a round trip during which what moves is not served. Hence the choice here:
+Only BREAK removes anything, and only the other steps add. So a mixture of `before` and `broken` loads no bus more than
+what runs now does, and one of `broken` and `after` none more than what is to run: if all PEs break before any PE goes,
+no limit is exceeded. That costs a round trip during which what moves is not served. Hence the choice here:
 
     one step     where no mixture of `before` and `after` exceeds a bus, and nothing exclusive moves
-    two steps    otherwise: the fewest PEs are waited for, first those that give up something exclusive, then whoever
-                 makes room on a bus that would be exceeded; PEs that are reached by wire are preferred, since a radio
-                 is slow. All others go over whenever they are told
+    two steps    otherwise: the fewest PEs are waited for, first those that give up something exclusive, then PEs that
+                 make room on a bus that would be exceeded; PEs that are reached by wire are preferred, since a radio
+                 is slow. All others change over whenever the command reaches them
 
 Only a silent PE that drove a DEMUX adds a third one: that branch alone is held until it has certainly stopped.
 
 What a mixture can put on a bus is bounded from above: each PE in its worst state, each gateway forwarding what it does
-in any of its states. That is exact but where gateways change over too. What is not counted: rule 9. A transition lasts
-a few heartbeats at most, and a mixture within a bus's budget may let a datum be late.
+in any of its states. That is exact but where gateways change over too. Semantics rule 9 is not checked on the way: a
+transition lasts a few heartbeats at most, and a mixture within a bus's budget may let a datum be late.
 
 Why critical functions do not go first in a step of their own: steps are broadcasts, so that would be another epoch, and
-preparing one takes longer than the round trip that it could save. What goes on untouched is not interrupted at all.
+preparing one takes longer than the round trip that it could save. A module that stays as it is is not interrupted at
+all.
 
 Where it is not known what the running modules are wired to, everything that they give is taken to be on every bus.
-`verify_transition` is the judge of all this, and shares nothing with it.
+`verify_transition` checks all of this, and shares no code with it.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -47,7 +48,7 @@ Source = tuple[str, str]  # producer, variable
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one PE has to do with the buses under a configuration."""
+    """What one PE sends and forwards under a configuration."""
 
     modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
     sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # mbit/s on each of these buses
@@ -78,13 +79,13 @@ class Transition:
     """The way from one configuration to another."""
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
-    wait_for: Mapping[str, tuple[str, ...]]  # PEs that must be BROKEN before anybody goes, and why
+    wait_for: Mapping[str, tuple[str, ...]]  # PEs that must be BROKEN before any PE goes, and why
     hold: tuple[str, ...]  # DEMUXes that wait for T_lease of a silent PE, between GO and GO_ALL
     interrupted: tuple[str, ...]  # functions served before and after, whose modules do not all go on as they are
     peaks: Mapping[str, Peak]
 
     def document(self) -> dict[str, object]:
-        """Give it as plain data."""
+        """The transition as plain data for JSON."""
         return {
             "steps": [step.name for step in self.steps],
             "wait_for": {pe: list(why) for pe, why in self.wait_for.items()},
@@ -155,7 +156,7 @@ class Transitions:
     ) -> frozenset[str]:
         """PEs to wait for in flight, where a PE may still run one of several configurations.
 
-        may_run: for each PE that is counted on. exclusive: the PEs that are waited for anyway; they are included.
+        may_run: for each available PE. exclusive: the PEs that are waited for anyway; they are included.
         """
         left = survivors(self._spec, now)
         parts: dict[int, dict[str, Part]] = {}
@@ -181,7 +182,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Everything that is given, to everybody."""
+        """Every source, as if read on every PE."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)
@@ -240,7 +241,7 @@ class Transitions:
 
 
 class _Mixtures:
-    """What the buses may have to carry, whoever has taken which step."""
+    """The most that the buses may have to carry, whichever PEs have taken a step."""
 
     def __init__(
         self,
@@ -259,7 +260,7 @@ class _Mixtures:
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 
     def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
-        """The most on each bus, if these PEs are BROKEN before anybody goes."""
+        """The most on each bus, if these PEs are BROKEN before any PE goes."""
         states = {
             pe: [*([] if pe in waited_for else self._old[pe]), *self._gone[pe], self._new[pe]] for pe in self._old
         }
@@ -270,7 +271,7 @@ class _Mixtures:
     ) -> dict[str, tuple[str, ...]]:
         """PEs to wait for as well, and the buses on which each makes room: none of them could be left out.
 
-        Others than the preferred ones only where those are not enough.
+        PEs other than the preferred ones are taken only where those are not enough.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []
@@ -305,7 +306,7 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """What a part puts on each bus, forwarded by everybody who may."""
+        """What a part puts on each bus, forwarded by every gateway that may."""
         loads: dict[str, int] = {}
         for source, (mbit_per_s, buses) in part.sends.items():
             reached = set(buses)

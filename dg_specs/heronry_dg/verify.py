@@ -1,7 +1,7 @@
-"""The judge: is a configuration legal in a situation, and if not, which rules does it break and where.
+"""The verifier: is a configuration legal in a situation, and if not, which rules does it break and where.
 
-No solver, and no choosing: one function per rule of semantics.md section 3, each of which looks at the configuration
-as it stands. A violation names its rule as number and sub-rule (`7.cpu`), the place, and what is wrong in one sentence.
+It uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the configuration as it
+is. A violation names its rule as number and sub-rule (`7.cpu`), the place, and what is wrong in one sentence.
 
     1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
@@ -14,8 +14,8 @@ as it stands. A violation names its rule as number and sub-rule (`7.cpu`), the p
     9 deadlines  deadline
 
 A plan may come from anywhere, so every name in it can be wrong. What names an unknown module, mode or PE is reported
-under rule 1 and left out of whatever would need to know it; apart from that one fault is one violation wherever it
-can be, and the order of violations does not depend on the order in the plan.
+under semantics rule 1 and left out of the other checks; apart from that one fault is one violation wherever it can be,
+and the order of violations does not depend on the order in the plan.
 """
 
 from collections.abc import Collection, Iterator
@@ -44,13 +44,13 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """What is judged: the configuration in the spec's order, without modules and modes that the spec lacks."""
+    """What is verified: the configuration in the spec's order, without modules and modes that the spec lacks."""
 
     spec: Spec
     now: Situation
     left: Survivors
     known: Configuration
-    sound: Configuration  # the same without wires that are wrong by themselves (rule 2)
+    sound: Configuration  # the same without wires that are wrong by themselves (semantics rule 2)
 
     def mode(self, module: str) -> Mode:
         return self.known.mode(self.spec, module)
@@ -110,7 +110,7 @@ def _sound(spec: Spec, known: Configuration) -> Configuration:
     return Configuration(kept)
 
 
-# Rule 1: place
+# Semantics rule 1: place
 
 
 def _unknown_names(spec: Spec, configuration: Configuration) -> Iterator[Violation]:
@@ -159,7 +159,7 @@ def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
         yield Violation("1.device_down", where, f"its device {module.device} is down")
 
 
-# Rule 2: wire
+# Semantics rule 2: wire
 
 
 def _wires(case: _Case) -> Iterator[Violation]:
@@ -197,7 +197,7 @@ def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[
 
 
 def _route(case: _Case, consumer_pe: str, producer: str, where: str) -> Iterator[Violation]:
-    """Check that data get through; where a PE is down or unknown rule 1 has said so."""
+    """Check that there is a route; a PE that is down or unknown is reported under semantics rule 1."""
     if producer not in case.known.modules:
         return
     ends = (case.known.modules[producer].pe, consumer_pe)
@@ -206,7 +206,7 @@ def _route(case: _Case, consumer_pe: str, producer: str, where: str) -> Iterator
         yield Violation("2.route", where, f"no route that is up leads from {ends[0]} to {ends[1]}")
 
 
-# Rule 3: gate
+# Semantics rule 3: gate
 
 
 def _gates(case: _Case) -> Iterator[Violation]:
@@ -214,7 +214,7 @@ def _gates(case: _Case) -> Iterator[Violation]:
         needs = case.mode(name).needs
         if needs is None:
             continue
-        # An unwired branch of a DEMUX is reported by rule 4, and by rule 4 alone.
+        # An unwired branch of a DEMUX is reported under semantics rule 4 alone.
         demuxed = {path for path, leaf in leaves(needs) if leaf.demux is not None}
         for rule, path, text in _gate(needs, "", demuxed | running.inputs.keys(), "3.leaf"):
             yield Violation(rule, f'module {name}, input "{path}"' if path else f"module {name}", text)
@@ -251,7 +251,7 @@ def _nothing_below(expression: Expression, path: str, wired: Collection[str]) ->
             yield "3.below", at, f'{leaf.variable} is wired, but the gate "{path}" above it does not hold'
 
 
-# Rule 4: demux
+# Semantics rule 4: demux
 
 
 def _demuxes(case: _Case) -> Iterator[Violation]:
@@ -265,7 +265,7 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
                 yield Violation("4.wired", f"demux {demux.name}", f"{branch} runs and is not wired to {demux.variable}")
 
 
-# Rule 5: purpose
+# Semantics rule 5: purpose
 
 
 def _purpose(case: _Case) -> Iterator[Violation]:
@@ -286,7 +286,7 @@ def _purpose(case: _Case) -> Iterator[Violation]:
             yield Violation("5.idle", f"module {name}", "it serves no function that is wanted in the phase")
 
 
-# Rule 6: cycles
+# Semantics rule 6: cycles
 
 
 def _cycles(case: _Case) -> Iterator[Violation]:
@@ -301,7 +301,7 @@ def _cycles(case: _Case) -> Iterator[Violation]:
             yield Violation("6.cycle", f"module {ring[0]}", text)
 
 
-# Rule 7: resources
+# Semantics rule 7: resources
 
 
 def _pe_resources(case: _Case) -> Iterator[Violation]:
@@ -324,7 +324,7 @@ def _bus_resources(case: _Case) -> Iterator[Violation]:
             yield Violation("7.bus", f"bus {name}", f"{used:.3f} bit/s are published, and {room:.3f} are for data")
 
 
-# Rule 8: placement rules
+# Semantics rule 8: placement rules
 
 
 def _placement_rules(case: _Case) -> Iterator[Violation]:
@@ -344,7 +344,7 @@ def _placement_rules(case: _Case) -> Iterator[Violation]:
                 yield Violation("8.together", f"module {name}", text)
 
 
-# Rule 9: deadlines
+# Semantics rule 9: deadlines
 
 
 def _deadlines(case: _Case) -> Iterator[Violation]:

@@ -1,11 +1,11 @@
-"""The judge of transitions: may one configuration take over from another in these steps, and if not, why not.
+"""The verifier of transitions: may one configuration take over from another in these steps, and if not, why not.
 
 It plays every order in which the PEs could take the steps. Where those are too many to play one by one, the PEs that
 are no gateways are taken at their worst for each bus, which is exact, since what they send adds up; beyond that, so are
 gateways, which is safe. Nothing is chosen here, and nothing is shared with `transition`.
 
     t.steps      the steps are none that a manager takes: BREAK before GO before GO_ALL, and GO_ALL last
-    t.wait       somebody who cannot answer is waited for, or BREAK is there for nobody
+    t.wait       a PE that cannot answer is waited for, or BREAK is there without a PE to wait for
     t.cpu, t.ram, t.flash   a PE holds more than it has, in a state of its own
     t.exclusive  a module, or the branches of a DEMUX, could run on two PEs at once
     t.bus        more could be published on a bus than it may carry
@@ -35,7 +35,7 @@ BEFORE, BROKEN, HELD, AFTER = "before", "broken", "held", "after"
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """What is judged; `now_runs` and `shall_run` map a module to its mode and PE."""
+    """What is verified; `now_runs` and `shall_run` map a module to its mode and PE."""
 
     spec: Spec
     left: Survivors
@@ -72,7 +72,7 @@ class _Traffic:
 def verify_transition(
     spec: Spec, before: Configuration | Placement, after: Configuration, now: Situation, way: Transition
 ) -> list[Violation]:
-    """List what is wrong with a way from what runs to what is to run; an empty list means that it may be gone."""
+    """List what is wrong with a way from what runs to what is to run; an empty list means that it is legal."""
     left = survivors(spec, now)
     runs = _runs(spec, before)
     case = _Way(
@@ -106,7 +106,7 @@ def _runs(spec: Spec, running: Configuration | Placement) -> Placement:
 def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
     steps = list(way.steps)
     if steps != sorted(set(steps)) or Step.PREPARED in steps or not steps or steps[-1] is not Step.GO_ALL:
-        yield Violation("t.steps", "transition", f"{[step.name for step in steps]} is no way to take the steps")
+        yield Violation("t.steps", "transition", f"{[step.name for step in steps]} is not a legal order of steps")
     if (Step.BREAK in steps) != bool(way.wait_for):
         yield Violation("t.wait", "transition", "PEs are waited for if and only if there is a step BREAK")
     for pe in way.wait_for:
@@ -152,7 +152,7 @@ def _flash(case: _Way, there: Mapping[str, Mode]) -> int:
 
 
 def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:
-    """Look for what a PE could begin to drive while another one could drive it too."""
+    """Find what a PE could begin to drive while another one could drive it, too."""
     could: dict[str, set[str]] = {}  # what is exclusive -> the PEs that could drive it
     begins: dict[str, set[str]] = {}  # ... those of them that do not drive it now
     for pe, states in stage.items():
@@ -165,7 +165,7 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
     for module, (_, pe) in case.now_runs.items():
         demux = case.demux_of.get(module)
         if demux is not None and pe not in stage and demux not in waited:
-            could.setdefault(f"demux {demux}", set()).add(pe)  # silent, and nobody knows whether it is dead
+            could.setdefault(f"demux {demux}", set()).add(pe)  # silent, and not known to be dead
     for thing in begins:
         if len(could[thing]) > 1:
             yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
@@ -191,7 +191,7 @@ def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Vio
 
 def _worst_loads(case: _Way, stage: Mapping[str, Sequence[str]]) -> dict[str, int]:
     if not case.known and not any(AFTER in states or HELD in states for states in stage.values()):
-        # Nobody exceeds anything by stopping; with unknown wires that is all that can be said of the first step.
+        # No PE exceeds a limit by stopping; with unknown wires only that is known of the first step.
         return dict.fromkeys(case.left.bus_mbit_per_s, 0)
     choices = {pe: _different(case, pe, states) for pe, states in stage.items()}
     if prod(map(len, choices.values())) <= MOST_MIXTURES:
@@ -220,7 +220,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """The states of a PE between which anybody on the buses could tell a difference."""
+    """The states of a PE that differ on the buses."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -290,7 +290,7 @@ def _forwarded(case: _Way, key: tuple[str, str, str, str], state: str) -> frozen
 
 
 def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) -> _Traffic:
-    """Work out who publishes and who forwards what, along the routes of the whole system."""
+    """Compute what each PE publishes and each gateway forwards, along the routes of the whole system."""
     whole = survivors(spec, Situation())
     publish: dict[tuple[str, str, str], frozenset[str]] = {}
     forward: dict[tuple[str, str, str, str], frozenset[str]] = {}

@@ -1,9 +1,9 @@
 """Why a function is not served: one sentence with the root cause, found without a solver.
 
-First what could run at all if resources were endless: the greatest set of (module, mode) in which each module has a PE
-to run on and each mode's needs can be met from the set (feedback cycles may carry themselves, so the set is shrunk
-from everything, round by round). A function outside it has a cause that can be followed down to a fault. One inside it
-was left out for want of resources, or for something better: there the planner may know more, and says so in `alone`.
+First, what could run at all with unlimited resources: the greatest set of (module, mode) in which each module has a PE
+to run on and each mode's needs can be met from the set (feedback cycles may carry themselves, so the set is shrunk from
+everything, round by round). A function outside it has a cause that can be traced to a fault. One inside it was left out
+for lack of resources, or for something better: there the planner may know more, and passes it as `alone`.
 """
 
 from collections.abc import Collection, Iterator
@@ -18,7 +18,7 @@ _NAMED_ALTERNATIVES = 2
 
 @dataclass(frozen=True, slots=True)
 class Feasible:
-    """What could run if resources were endless, and what fell out in which round."""
+    """What could run with unlimited resources, and the round in which each other mode was removed."""
 
     spec: Spec
     now: Situation
@@ -45,7 +45,7 @@ class Feasible:
 
 
 def feasible(spec: Spec, now: Situation) -> Feasible:
-    """Work out what could run in a situation if resources were endless."""
+    """Compute what could run in a situation with unlimited resources."""
     left = survivors(spec, now)
     every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
     found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)})
@@ -60,9 +60,9 @@ def feasible(spec: Spec, now: Situation) -> Feasible:
 
 
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
-    """Say in one sentence why a function is not served.
+    """One sentence that says why a function is not served.
 
-    alone: what a planner knows: could it be served if nothing else were wanted? None: not known.
+    alone: whether the function could be served if nothing else were wanted, as the planner knows; None: not known.
     """
     if function.priority_in(found.now.phase) == 0:
         return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
@@ -87,7 +87,7 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 
 
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
-    """Say, as a verb phrase, why none of some modes of a module can run; `branched`: name no more alternatives."""
+    """Why none of some modes of a module can run, as a verb phrase; `branched`: name no more alternatives."""
     if module.name in found.left.failed_modules:
         return "has failed"
     if not found.left.hosts(module):
@@ -122,7 +122,7 @@ def _wanted(found: Feasible, leaf: Leaf) -> str:
 
 
 def _homeless(found: Feasible, module: Module) -> str:
-    """Say, as a verb phrase, why a module that has not failed has no PE."""
+    """Why a module that has not failed has no PE, as a verb phrase."""
     homes = hosts_when_all_is_up(found.spec, module)
     if not homes:
         return "may run on no PE of the spec, by its device, runs_on and requires"

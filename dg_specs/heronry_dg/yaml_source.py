@@ -2,7 +2,8 @@
 
 Only plain YAML is understood: maps, lists and scalars, one document. Anchors, aliases, tags, merge keys, directives and
 duplicate keys are refused, because they let a file mean something else than it seems to. So are scalars on which
-programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers are silent about it.
+programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers add no finding about
+it.
 
 A spec comes from anywhere, so nothing is built before it is known to be small: bytes are counted first, then the marks
 that keys and items end with, which needs no parser; then the parser's events are read one by one, and depth, node count
@@ -29,7 +30,7 @@ MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
 _TOO_DEEP: Final = f"this is nested deeper than {MOST_LEVELS} levels"
 _KEEP_FLAT: Final = "named gates keep `needs` flat"
-MOST_REPEATED_KEYS: Final = 100  # a file with more was not written by somebody who wants to know where each one is
+MOST_REPEATED_KEYS: Final = 100  # a file with more was hardly written by hand, and a list of more does not help
 
 _PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower
 _UNPRINTABLE: Final = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -235,7 +236,7 @@ class _Builder:
         self._repeated_keys += 1
         if self._repeated_keys > MOST_REPEATED_KEYS:
             sentence = f"the file has more than {MOST_REPEATED_KEYS} repeated keys, and is read no further"
-            raise _LimitError(rules.TOO_LARGE, place, sentence, "look at what wrote it")
+            raise _LimitError(rules.TOO_LARGE, place, sentence, "check the program that wrote it")
 
     def _items(self, level: int) -> list[Node]:
         items = []
@@ -263,7 +264,7 @@ class _Builder:
         return entries
 
     def _key(self, key: Node, event: yaml.Event) -> str | None:
-        """Text of a key, or None where it has none; a refused one keeps its text, so that nobody misses it."""
+        """Text of a key, or None where it has none; a refused key keeps its text, and is not reported as missing."""
         if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
             if not isinstance(key.value, str):
                 sentence = f"the key {shown(event.value)} is not text"
@@ -273,7 +274,7 @@ class _Builder:
         return None
 
     def _left_over(self, place: Place, digits: str) -> None:
-        """Tell of digits behind a comma, as in {cpu: 0,5}, what they are; as a key they make no sense in any case."""
+        """Report digits behind a comma, as in {cpu: 0,5}, as such; they are never a key."""
         self._findings.withdraw(place)
         hint = "write a point in front of decimals, and nothing between thousands"
         self._findings.add(rules.KEY_NOT_TEXT, place, f"a comma ends a value, and {shown(digits)} is left over", hint)

@@ -1,6 +1,6 @@
-"""What the parser could not read, told at the place where it should be mended.
+"""What the parser could not read, reported at the place where it should be fixed.
 
-A parser stops where it can go on no longer, and that is often a line or more below the mistake: a bracket that is not
+A parser stops where it cannot go on, and that is often a line or more below the mistake: a bracket that is not
 closed swallows what follows. Here the place is moved up to where the mistake began, as far as the parser knows that or
 the lines around tell it; the parser's own place is kept in the sentence.
 """
@@ -22,7 +22,7 @@ _LOOK: Final = "look for a missing quote, comma, colon or bracket"
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """Where the text is no YAML, and why."""
+    """Where the text is not YAML, and why."""
 
     place: Place
     sentence: str
@@ -35,11 +35,11 @@ def split_lines(text: str) -> list[str]:
 
 
 def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
-    """What to tell about an error of the parser."""
+    """The place and sentence for an error of the parser."""
     lines = split_lines(text)
     stopped = _place(error.problem_mark or error.context_mark)
     begun = _place(error.context_mark) if error.context_mark is not None else stopped
-    if "tab character" in str(error.problem) or "\\t" in str(error.problem):  # libyaml's words, and PyYAML's
+    if "tab character" in str(error.problem) or "\\t" in str(error.problem):  # the messages of libyaml, and of PyYAML
         return Mistake(stopped, f"this is not YAML: {error.problem}", "indent with spaces")
     if "cannot start any token" in str(error.problem):
         return _unfit(stopped, lines)

@@ -30,7 +30,7 @@ def spec_text(**sections: str) -> str:
 
 
 def complaints(marked: str) -> list[str]:
-    """What the loader says about a spec, without places and codes; the places must be those of the marks."""
+    """The loader's sentences about a spec, without places and codes; the places must be those of the marks."""
     lines = marked.split("\n")
     marks = [
         Place(number, column - before)
@@ -52,6 +52,6 @@ def findings(text: str) -> tuple[Finding, ...]:
 
 
 def complaint(marked: str) -> str:
-    """The only thing that the loader says about a spec."""
+    """The only sentence of the loader about a spec."""
     (only,) = complaints(marked)
     return only

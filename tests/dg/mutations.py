@@ -2,8 +2,8 @@
 
     python tests/dg/mutations.py 10000 [SEED]
 
-judges so many of them and tells how often the first finding lies in the block that was changed, by kind of mistake, and
-which mistakes are told elsewhere. A block is one element (a PE, a module with its modes ...) or, outside of the
+checks so many of them and prints how often the first finding lies in the block that was changed, by kind of mistake,
+and which mistakes are reported elsewhere. A block is one element (a PE, a module with its modes ...) or, outside of the
 sections, one line. What is lost is looked for where it is missing: an element in its section, a key of the file at the
 file's head. A few hundred mutants are part of the tests.
 """
@@ -181,14 +181,14 @@ def _blocks(text: str) -> Blocks:
 
 @dataclass(slots=True)
 class Tally:
-    """What became of the mutants so far."""
+    """The results of the mutants so far."""
 
     clean: Counter[str] = field(default_factory=Counter)
     inside: Counter[str] = field(default_factory=Counter)
     outside: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def assess(self, mutant: Mutant) -> None:
-        """Judge one more; whatever it raises is a defect, and so is a finding without a hint."""
+        """Check one more; any exception is a defect, and so is a finding without a hint."""
         found = assess(mutant.text.encode("utf-8", "surrogatepass"), "x.dg.yaml", checks_of(fast=True), RULES).findings
         if not all(finding.hint for finding in found):
             raise AssertionError(f"no hint: {found}")
@@ -200,7 +200,7 @@ class Tally:
             self.outside[mutant.kind, found[0].code] += 1
 
     def assessed(self) -> int:
-        """How many there were."""
+        """Number of mutants so far."""
         return self.clean.total() + self.inside.total() + self.outside.total()
 
     def share_inside(self) -> float:
@@ -220,7 +220,7 @@ class Tally:
 
 
 def tally(count: int, seed: int) -> Tally:
-    """Judge so many mutants."""
+    """Check so many mutants."""
     result = Tally()
     for _, mutant in zip(range(count), mutants(random.Random(seed)), strict=False):
         result.assess(mutant)
@@ -228,13 +228,11 @@ def tally(count: int, seed: int) -> Tally:
 
 
 def main() -> int:
-    """Tell how a run went; returns the exit code."""
+    """Print the result of a run; returns the exit code."""
     count, seed = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0
     result = tally(count, seed)
     print(result.table())
-    print(
-        f"\n{result.share_inside():.1%} of {result.assessed() - result.clean.total()} with findings told in their block"
-    )
+    print(f"\n{result.share_inside():.1%} of {result.assessed() - result.clean.total()} with findings in their block")
     return int(result.share_inside() < 0.95)
 
 

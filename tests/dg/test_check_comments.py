@@ -1,4 +1,4 @@
-"""What a spec says to the check in its comments: what is ignored and raised, and what is said about the comments."""
+"""Instructions to the check in a spec's comments: findings ignored and raised, and findings about the comments."""
 
 import pytest
 
@@ -49,7 +49,7 @@ def test_an_ignore_wants_a_reason() -> None:
         ("# dg: ignore[DG092] because", "DG093"),
     ],
 )
-def test_a_comment_that_means_nothing_is_told(comment: str, code: str) -> None:
+def test_a_comment_that_means_nothing_is_reported(comment: str, code: str) -> None:
     assert told(spec(f"  spare: {{type: FLOAT}}  {comment}")) == ["11 DG240 warning", f"11 {code} error"]
 
 

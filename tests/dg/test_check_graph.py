@@ -1,4 +1,4 @@
-"""Specs that load and still cannot be meant: what the graph's check sees, and what it leaves to others."""
+"""Specs that load and still cannot be meant: findings of the graph's check, and what it leaves to others."""
 
 from dg.marked_spec import RUNS
 from heronry_dg.check.assess import assess
@@ -30,7 +30,7 @@ MODES = (
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
     + one("other", "pitot", 3)
 )
-NEVER = ["DG232: module 'display' can never run: what it needs is never given all at once"]
+NEVER = ["DG232: module 'display' can never run: its inputs are never all given at the same time"]
 
 
 def test_two_modules_can_fill_two_inputs_and_one_cannot() -> None:
@@ -46,7 +46,7 @@ def test_a_vote_counts_each_module_once() -> None:
     assert told(display('{xor: ["speed@1", "speed@2", "speed@3"]}', MODES)) == []
 
 
-def test_an_input_that_nobody_gives_is_told_once_and_not_again_as_a_gate_that_never_holds() -> None:
+def test_an_input_that_no_module_gives_is_reported_once_and_not_again_as_a_gate_that_never_holds() -> None:
     said = told(display('{and: ["speed@1", "speed@2", "speed@3"]}', BOTH))
     assert said == ["DG231: module 'display' reads 'speed@3', which no module gives"]
 
@@ -69,7 +69,7 @@ def test_a_branch_cannot_wait_for_another_branch_of_its_demux() -> None:
         f"  spare: {{device: second, needs: {{and: [light, told]}}, {RUNS}}}\n"
         "functions: {showing: {output: light}}\n"
     )
-    assert told(fragment) == ["DG232: module 'spare' can never run: what it needs is never given all at once"]
+    assert told(fragment) == ["DG232: module 'spare' can never run: its inputs are never all given at the same time"]
 
 
 def test_a_function_that_is_wanted_in_no_phase_uses_nothing() -> None:
@@ -79,10 +79,10 @@ def test_a_function_that_is_wanted_in_no_phase_uses_nothing() -> None:
 
 def test_a_gate_that_only_an_unused_gate_names_is_used() -> None:
     said = told("gates: {one: speed, two: one}\n")
-    assert said == ["DG243: gate 'two' is named by nobody"]
+    assert said == ["DG243: no expression names gate 'two'"]
 
 
-def test_a_phase_that_watches_what_nobody_gives_is_an_error() -> None:
+def test_a_phase_that_watches_a_variable_without_a_giver_is_an_error() -> None:
     fragment = "variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     said = told(f"{fragment}phases: {{climb: {{}}, cruise: {{when: {{variable: height, above: 3}}}}}}\n")
     assert said == ["DG230: phase 'cruise' watches 'height', which no module gives"]

@@ -33,7 +33,7 @@ CLAIM = re.compile(r"^#   \$ (heronry plan .*)\n((?:#   .*\n)+?)(?=#   \$|[^#]|#
 
 
 def claims() -> Iterator[tuple[str, str]]:
-    """Every command line of a head, and what the head says of it, on one line."""
+    """Every command line of a head, and the head's claim about it, on one line."""
     for file in EXAMPLES:
         for claim in CLAIM.finditer(file.read_text()):
             yield claim[1], " ".join(line.removeprefix("#").strip() for line in claim[2].splitlines())

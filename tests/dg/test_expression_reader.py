@@ -145,7 +145,7 @@ def test_an_expression_that_makes_no_sense_is_named_with_its_place(needs: str, s
 
 
 @pytest.mark.parametrize(("needs", "sentence"), NONSENSE)
-def test_so_it_is_in_a_named_gate_that_nobody_names(needs: str, sentence: str) -> None:
+def test_so_it_is_in_a_named_gate_that_no_expression_names(needs: str, sentence: str) -> None:
     assert sentence in complaint(logic("command", gates=f"{{unused: {needs}}}"))
 
 
@@ -182,7 +182,7 @@ def test_gates_do_not_contain_themselves(gates: str, cycle: str) -> None:
 
 
 class TestDemux:
-    """What a DEMUX asks of its branches."""
+    """What a DEMUX requires of its branches."""
 
     def test_it_has_two_or_more(self) -> None:
         one = logic("out", gates="{»out: {demux: command}}")
@@ -254,7 +254,7 @@ class TestWiringCycles:
         modules = f"{{refine: {{needs: altitude@3, gives: {{altitude: 1}}, {RUNS}}}}}"
         assert complaints(spec_text(modules=modules, functions="")) == []
 
-    def test_modes_are_availablee_by_one(self) -> None:
+    def test_modes_of_one_module_are_checked_one_by_one(self) -> None:
         """One mode reads what another mode of the same module gives: they never run together."""
         modes = f"{{reading: {{needs: command, {RUNS}}}, giving: {{gives: {{command: 1}}, {RUNS}}}}}"
         assert complaints(spec_text(modules=f"{{both: {{modes: {modes}}}}}", functions="")) == []

@@ -55,7 +55,7 @@ MANAGER = [
     ({"»buses": "{can0: {bitrate: 1000, kind: wireless}}"}, "no bus is wired, and the manager's is not given"),
     (
         {"buses": "{can0: {bitrate: 1000}, air: {bitrate: 1000, kind: wireless}}", "manager": "{bus: »air}"},
-        "the manager sits on bus 'air', which is wireless (put it on a wired one, such as can0)",
+        "the manager is on bus 'air', which is wireless (put it on a wired one, such as can0)",
     ),
 ]
 

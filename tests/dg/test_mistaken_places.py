@@ -1,4 +1,4 @@
-"""The place of a finding is where the mistake is to be mended, and not where somebody stumbled over it."""
+"""The place of a finding is where the mistake must be fixed, and not where the parser noticed it."""
 
 import pytest
 
@@ -24,7 +24,7 @@ from heronry_dg.findings import Place
         ("dg: 1\n»name\n", "':' is missing between here and"),
     ],
 )  # fmt: skip
-def test_text_that_is_no_yaml_is_told_where_it_went_wrong(text: str, sentence: str) -> None:
+def test_text_that_is_no_yaml_is_reported_where_it_went_wrong(text: str, sentence: str) -> None:
     (finding,) = findings(text.replace("»", ""))
     line = next(number for number, line in enumerate(text.split("\n"), 1) if "»" in line)
     assert finding.place.line == line
@@ -46,7 +46,9 @@ def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:
     )
     said = complaints(spec_text(variables="{»altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}"))
     (only,) = said
-    assert only.startswith("nobody names 'altitde', and 3 times 'altitude' is named, which there is not (rename it to")
+    assert only.startswith(
+        "nothing names 'altitde', and 3 times 'altitude' is named, which does not exist (rename it to"
+    )
 
 
 def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
@@ -63,7 +65,7 @@ def test_a_name_that_is_used_twice_and_declared_nowhere_is_missing_from_its_sect
     modules = f"{{driver: {{device: gps, gives: {{wind: 1}}, {body}}}, b: {{needs: wind, {body}}}}}"
     text = spec_text(modules=modules).replace("variables:", "»variables:")
     (said,) = complaints(text)
-    assert said == "'variables' has no 'wind', which is named 2 times (declare it here, or mend line 6)"
+    assert said == "'variables' has no 'wind', which is named 2 times (declare it here, or fix line 6)"
 
 
 def test_two_names_that_are_merely_alike_are_not_one_misspelt() -> None:
@@ -74,7 +76,7 @@ def test_two_names_that_are_merely_alike_are_not_one_misspelt() -> None:
     )
     text = spec_text(variables="{altitude: {type: FLOAT}}", modules=modules).replace("variables:", "»variables:")
     (said,) = complaints(text)
-    assert said.startswith("'variables' has no 'gps_altitude', which is named 2 times (declare it here, or mend lines")
+    assert said.startswith("'variables' has no 'gps_altitude', which is named 2 times (declare it here, or fix lines")
     assert said.endswith("lines 6 and 7: did you mean 'altitude'?)")
 
 
@@ -88,7 +90,7 @@ def test_of_a_pair_used_once_the_one_whose_words_are_known_is_right() -> None:
         )
     )
     assert said == [
-        "nobody names 'gsp', and once 'gps' is named, which there is not (rename it to gps, or mend line 6)"
+        "nothing names 'gsp', and once 'gps' is named, which does not exist (rename it to gps, or fix line 6)"
     ]
 
 
@@ -104,7 +106,7 @@ def test_a_branch_whose_needs_are_misspelt_is_not_missed_by_its_demux() -> None:
     assert said == "module 'b' has no field 'neds' (did you mean 'needs'?)"
 
 
-def test_a_declared_name_that_somebody_uses_is_not_to_blame() -> None:
+def test_a_declared_name_that_is_used_is_not_to_blame() -> None:
     body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
     modules = (
         f"{{a: {{gives: {{altitde: 1}}, {body}}}, b: {{needs: »altitude, {body}}}, c: {{needs: »altitude, {body}}}}}"

@@ -36,7 +36,7 @@ def assessed(data: bytes) -> list[str]:
     return [finding.code for finding in found.findings]
 
 
-def test_mutated_specs_are_judged_and_the_mistake_is_where_the_first_finding_points() -> None:
+def test_mutated_specs_give_findings_and_the_mistake_is_where_the_first_finding_points() -> None:
     result = tally(300, seed=20260101)
     assert result.assessed() == 300
     assert result.clean.total() < 60
@@ -44,22 +44,22 @@ def test_mutated_specs_are_judged_and_the_mistake_is_where_the_first_finding_poi
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_judged(data: bytes) -> None:
+def test_any_bytes_give_findings(data: bytes) -> None:
     assert assessed(data)
 
 
 @given(st.text(max_size=200))
-def test_any_text_behind_a_sound_spec_is_judged(text: str) -> None:
+def test_any_text_behind_a_sound_spec_is_checked(text: str) -> None:
     assessed((SOUND + text).encode("utf-8", "surrogatepass"))
 
 
 @given(st.integers(0, len(SOUND)), st.integers(0, 40), st.text(max_size=10))
-def test_any_hole_in_a_spec_and_anything_in_it_is_judged(start: int, length: int, text: str) -> None:
+def test_any_hole_in_a_spec_and_anything_in_it_is_checked(start: int, length: int, text: str) -> None:
     assessed((SOUND[:start] + text + SOUND[start + length :]).encode("utf-8", "surrogatepass"))
 
 
 @given(st.dictionaries(WORDS, TREES, max_size=8))
-def test_any_tree_of_the_words_of_a_spec_is_judged(tree: dict[str, Any]) -> None:
+def test_any_tree_of_the_words_of_a_spec_is_checked(tree: dict[str, Any]) -> None:
     assessed(yaml.safe_dump(tree, allow_unicode=True).encode("utf-8", "surrogatepass"))
 
 

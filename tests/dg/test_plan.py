@@ -161,7 +161,7 @@ def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
 
 def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
     document = json.loads(chute_plan().to_json()) | {"optimal": True}
-    with pytest.raises(PlanError, match="optimal is not what the plan's levels say: plan again"):
+    with pytest.raises(PlanError, match="optimal does not agree with the plan's levels: plan again"):
         read_plan(json.dumps(document), FIGURE_3)
 
 

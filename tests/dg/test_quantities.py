@@ -1,4 +1,4 @@
-"""Quantities are exact: what the file says in decimal is what the model holds in integers, or an error."""
+"""Quantities are exact: the file's decimal number is what the model holds in integers, or an error."""
 
 from collections.abc import Callable
 from decimal import Decimal

@@ -1,4 +1,4 @@
-"""How late data can be over gateways, calculated by hand; and who is urgent: the identifiers."""
+"""How late data can be over gateways, calculated by hand; and the order of urgency: the identifiers."""
 
 from dataclasses import replace
 from fractions import Fraction

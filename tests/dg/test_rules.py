@@ -35,7 +35,7 @@ def test_what_cannot_be_shown_earns_its_code_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=lambda rule: rule.code)
-def test_every_rule_says_what_it_is_why_it_matters_and_how_it_is_mended(rule: Rule) -> None:
+def test_every_rule_says_what_it_is_why_it_matters_and_how_it_is_fixed(rule: Rule) -> None:
     for text in (rule.what, rule.why, rule.fix):
         assert text[0].isupper() or text[0] in "`'"
         assert text.endswith((".", ")"))

@@ -102,7 +102,7 @@ def test_a_gateway_takes_along_what_is_behind_it() -> None:
     )
 
 
-def test_many_producers_are_not_all_told() -> None:
+def test_many_producers_are_not_all_listed() -> None:
     spec = loads(ODD.replace('"picture@<=2"', "picture"), "odd.dg.yaml")
     told = reason("view", "module:sharp", "module:plain", "module:sketch", spec=spec)
     assert told == (

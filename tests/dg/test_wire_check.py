@@ -65,7 +65,7 @@ def test_a_spec_lacks_identifiers_just_where_allocation_fails() -> None:
 
 
 def test_what_never_leaves_its_pe_is_not_outranked() -> None:
-    """The chatter's reader moves to the PE of its giver: nothing of it is on the bus, so nobody waits for it."""
+    """The chatter's reader moves to the PE of its giver: nothing of it is on the bus, so no datum waits for it."""
     together = STARVED.bad.replace("recorder: {kind: actuator, pe: tail}", "recorder: {kind: actuator, pe: nav}")
     assert found_in(together) == []
 
@@ -76,7 +76,7 @@ def test_what_matters_less_in_every_phase_is_not_asked_about() -> None:
 
 
 def test_data_that_would_wait_too_long_for_its_equals_alone_is_not_blamed_on_lesser_data() -> None:
-    """With the chatter as critical as the rest, the order of arbitration is nobody's fault."""
+    """With the chatter as critical as the rest, the order of arbitration is no finding."""
     assert found_in(STARVED.bad.replace("{output: logger}", "{output: logger, criticality: A}")) == []
 
 

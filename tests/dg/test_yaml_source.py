@@ -144,7 +144,7 @@ def test_a_document_may_begin_with_three_dashes() -> None:
 
 
 def test_a_refused_part_has_no_echo_elsewhere() -> None:
-    """The list of buses, the worth, the initial value cannot be judged: only the refused scalar is reported."""
+    """The list of buses, the worth, the initial value cannot be checked: only the refused scalar is reported."""
     said = complaints(
         spec_text(
             pes="{nav: {node_id: 92, buses: [»yes], cpu: »1_0, ram: 64KiB, flash: »*size}}",

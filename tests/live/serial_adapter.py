@@ -57,7 +57,7 @@ class SerialAdapter:
         subprocess.run(["ip", "link", "set", self.name, *words], check=True)
 
     def reports(self, line: bytes) -> None:
-        """The firmware says a line."""
+        """The firmware writes a line."""
         os.write(self._line, line + b"\r")
 
     def stall(self) -> None:

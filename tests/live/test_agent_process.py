@@ -147,7 +147,7 @@ def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> Non
 
 
 @mostly_on_softbus
-def test_code_that_cannot_be_loaded_is_told_and_refused_from_then_on(ground: Ground) -> None:
+def test_code_that_cannot_be_loaded_is_reported_and_refused_from_then_on(ground: Ground) -> None:
     table = replace(LIVE_TABLE, modules=tuple(replace(m, image="nonsense") for m in LIVE_TABLE.modules))
     ground.table.write_text(table.to_json())
     ground.start()
@@ -165,7 +165,7 @@ def _reason(frame: Frame) -> Reason:
 
 
 @on_every_bus
-def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
+def test_after_a_pause_old_frames_are_not_taken_as_new(ground: Ground) -> None:
     agent = ground.start()
     ground.hear_page_0()
     ground.configure()
@@ -202,7 +202,7 @@ def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
 
 
 @mostly_on_softbus
-def test_it_ends_with_whoever_started_it(ground: Ground) -> None:
+def test_it_ends_with_the_process_that_started_it(ground: Ground) -> None:
     agent = ground.start("--until-eof", "--quiet")
     ground.hear_page_0()
     assert end(agent) == (0, [])  # waiting for its end closes its standard input

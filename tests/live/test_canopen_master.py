@@ -1,4 +1,4 @@
-"""An unmodified CANopen master at a real agent: on a desk, where nobody reigns, and in flight."""
+"""An unmodified CANopen master at a real agent: on a desk without a manager, and in flight."""
 
 import re
 import subprocess
@@ -75,7 +75,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         desk.close()
 
 
-def test_it_reads_who_the_pe_is_and_what_may_run_there(desk: Desk) -> None:
+def test_it_reads_the_identity_of_the_pe_and_what_may_run_there(desk: Desk) -> None:
     sdo = desk.remote.sdo
     assert [number.raw for number in sdo["Identity object"].values()] == [0, 0x5045, 1, 0]
     assert sdo["Spec of this PE"]["Name of this PE"].raw == PE

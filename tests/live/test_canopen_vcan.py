@@ -1,7 +1,8 @@
-"""An unmodified CANopen master at a real agent on a SocketCAN vcan0, recorded by candump: who can read the log.
+"""An unmodified CANopen master at a real agent on a SocketCAN vcan0, recorded by candump, and the programs that can
+read the log.
 
-The session is one of a desk: no manager, one PE that runs nothing and obeys NMT. It is held once; every test reads its
-log, most with somebody else's program: cantools with our DBC, can-utils, Wireshark's dissector.
+The session is one of a desk: no manager, one PE that runs nothing and executes NMT commands. It is held once; every
+test reads its log, most with a program of another project: cantools with our DBC, can-utils, Wireshark's dissector.
 """
 
 import re
@@ -118,7 +119,7 @@ def dissected(session: Session) -> dict[int, list[Dissected]]:
     return read
 
 
-def test_the_master_is_told(session: Session) -> None:
+def test_the_master_gets_an_emergency(session: Session) -> None:
     assert session.told.identity == [0, 0x5045, 1, 0]
     assert re.fullmatch("[0-9a-f]{64}", session.told.digest)
     assert session.told.eds == Path(EDS).read_bytes()

@@ -47,7 +47,7 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path, capsys: pytest.Capt
     assert not killed.exists()
     capsys.readouterr()
     assert main(["contingencies", *SCOPE, "-o", str(killed), "--jobs", "2"]) == 0
-    assert f"{partial} goes on with" in capsys.readouterr().err
+    assert f"continuing {partial}" in capsys.readouterr().err
     assert killed.read_bytes() == undisturbed.read_bytes()
     assert not partial.exists()
     assert main(["contingencies", "--check", str(killed), "big_blue", "--jobs", "2"]) == 0

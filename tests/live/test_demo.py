@@ -189,7 +189,7 @@ def wait_for(process: "subprocess.Popen[bytes]", kind: str) -> None:
         (["-i", "softbus"], "needs a channel"),
         (["--bus", "radoi=vcan1"], "no such bus"),
         (["--record", "/no/such/folder/flight.log"], "No such file or directory"),
-        (["--kill", "pe:nav@4", "--for", "3"], "--for 3: it would end before what happens at 4 s"),
+        (["--kill", "pe:nav@4", "--for", "3"], "--for 3: the demo would end before the action at 4 s"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, nothing_left: None) -> None:

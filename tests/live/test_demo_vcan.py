@@ -4,7 +4,7 @@ A user-mode Linux, on which these tests mostly run, has one slow processor, and 
 for longer than three heartbeats of 20 ms. There a frame costs each process that hears it about half a millisecond, and
 big_blue has ten that hear a thousand frames a second. So it is flown with slower heartbeats and lower rates: what is
 shown is function, not speed. And it is flown after the landing, for the aircraft is not slower: what a monitor compares
-would be seconds apart. Nobody comes back: a start takes too long there. The radio is a software bus, as always.
+would be seconds apart. No PE comes back: a start takes too long there. The radio is a software bus, as always.
 """
 
 import json
@@ -92,7 +92,8 @@ class Flight:
         return plan(self.spec, situation(self.spec, down), None)
 
     def heard_while(self, pe: str, epoch: int) -> set[str]:
-        """Functions that the witness hears in the second half of the time for which a PE says that it runs an epoch."""
+        """Functions that the witness hears in the second half of the time for which a PE reports an epoch as
+        running."""
         runs = [at_ns for at_ns, page in self.states_of(pe) if page.epoch == epoch]
         from_ns, until_ns = (runs[0] + runs[-1]) // 2, runs[-1]
         witness, heard = Witness(self.spec), set[str]()
@@ -264,7 +265,7 @@ def test_management_comes_out_by_field(flight: Flight) -> None:
 
 def test_with_the_kill_the_epoch_rises_everywhere(flight: Flight) -> None:
     before, after, last = flight.epochs
-    assert before < after <= last  # a better plan may have followed the one at once
+    assert before < after <= last  # a better plan may have followed the immediate one
     for pe in flight.pes_at_the_end():
         epochs = [state.epoch for _, state in flight.states_of(pe)]
         assert {before, after} <= set(epochs)

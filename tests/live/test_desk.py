@@ -17,7 +17,7 @@ from live.slow_spec import slow_spec
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "runtime" / "deployment"
 PATIENCE_S = 240
-END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: who still writes keeps the pipe open
+END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: a process that still writes keeps the pipe open
 
 
 def steps(spec: str) -> list[str]:
@@ -56,7 +56,7 @@ def test_the_desk_page_ends_in_a_green_doctor(tmp_path: Path) -> None:
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
     assert "this node is fit" in said, said
     assert "all 3 PEs have tables of one spec" in said
-    assert "one manager reigns: 126" in said
+    assert "one manager is active: 126" in said
 
 
 @pytest.mark.live

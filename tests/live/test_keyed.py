@@ -1,4 +1,4 @@
-"""A fleet with a key, each node a process of its own: it is started, unlocked, given a table, and loses somebody."""
+"""A fleet with a key, each node a process of its own: it is started, unlocked, given a table, and loses a PE."""
 
 import json
 import signal
@@ -25,7 +25,7 @@ SHOW = ("--kill", "manager@1", "--kill", "pe:sensor_pe@5", "--restore", "pe:sens
 
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
-    """Give an aircraft with long heartbeats, so that a busy machine loses nobody."""
+    """An aircraft with long heartbeats, so that a busy machine loses no PE."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
     assert slow != text
@@ -112,7 +112,7 @@ def until(process: "subprocess.Popen[str]", kind: str, **fields: Any) -> dict[st
     raise AssertionError(f"it ended before '{kind}'")
 
 
-def test_a_pe_with_a_key_gets_its_table_from_who_has_the_key_and_has_it_unlocked(
+def test_a_pe_with_a_key_takes_its_table_only_with_the_key_and_an_unlock(
     fleet: Fleet, capsys: pytest.CaptureFixture[str]
 ) -> None:
     manager = fleet.start(

@@ -1,4 +1,4 @@
-"""What happens to an agent's bus, and what the agent makes of it: it stays up, says so once, and comes back.
+"""What happens to an agent's bus, and what the agent makes of it: it stays up, reports it once, and comes back.
 
 On a software bus, on vcan, and on an interface with a controller of its own (`serial_adapter`).
 """
@@ -76,9 +76,9 @@ class Log:
                 lines.append(line.decode())
                 self._unread = rest
                 continue
-            assert select.select([self._descriptor], [], [], PATIENCE_S)[0], f"it does not say {word!r}: {lines}"
+            assert select.select([self._descriptor], [], [], PATIENCE_S)[0], f"it does not write {word!r}: {lines}"
             chunk = os.read(self._descriptor, 65536)
-            assert chunk, f"it ended before it said {word!r}: {lines}"
+            assert chunk, f"it ended before it wrote {word!r}: {lines}"
             self._unread += chunk
         return lines
 
@@ -113,7 +113,7 @@ def ground(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ground]:
     ],
     indirect=["ground"],
 )
-def test_a_lost_bus_is_told_and_when_it_is_back_the_pe_is_a_new_incarnation(
+def test_a_lost_bus_is_reported_and_when_it_is_back_the_pe_is_a_new_incarnation(
     ground: Ground, lose: Callable[[Ground], None], restore: Callable[[Ground], None], reason: str
 ) -> None:
     agent = Log(ground)
@@ -133,7 +133,7 @@ def test_a_lost_bus_is_told_and_when_it_is_back_the_pe_is_a_new_incarnation(
 
 
 @pytest.mark.parametrize("ground", [pytest.param("softbus", marks=pytest.mark.live)], indirect=True)
-def test_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground: Ground) -> None:
+def test_a_pe_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground: Ground) -> None:
     agent = Log(ground)
     before = ground.hear_page_0()
     end_the_hub(ground)
@@ -188,7 +188,7 @@ def test_a_queue_that_takes_nothing_is_waited_out(ground: Ground) -> None:
 
 @pytest.mark.vcan
 def test_frames_that_the_kernel_had_to_drop_are_counted() -> None:
-    """Nobody takes them while they come; Linux keeps a few hundred."""
+    """No process reads them while they come; Linux keeps a few hundred."""
     place = {"interface": "socketcan", "channel": "vcan0"}
     with closing(Link(place)) as link, can.Bus(**place, ignore_config=True) as bus:
         for number in range(2000):
@@ -224,7 +224,7 @@ def wire(adapter: SerialAdapter, tmp_path: Path) -> Iterator[Ground]:
 
 @pytest.mark.vcan
 @needs_root
-def test_a_controller_that_goes_bus_off_is_told_restarted_and_the_pe_begins_anew(
+def test_a_controller_that_goes_bus_off_is_reported_and_restarted_and_the_pe_begins_anew(
     wire: Ground, adapter: SerialAdapter
 ) -> None:
     agent = Log(wire)
@@ -264,7 +264,7 @@ def test_another_bit_rate_is_refused_and_in_flight_waited_out(wire: Ground, adap
 @pytest.mark.vcan
 @needs_root
 def test_an_adapter_that_stalls_fills_its_queue_and_nothing_else(wire: Ground, adapter: SerialAdapter) -> None:
-    """Its queue of ten frames runs full: ENOBUFS, as on any controller that nobody acknowledges."""
+    """Its queue of ten frames runs full: ENOBUFS, as on any controller whose frames no node acknowledges."""
     agent = Log(wire)
     before = wire.hear_page_0()
     adapter.stall()

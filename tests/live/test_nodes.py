@@ -1,6 +1,6 @@
 """Manager and PEs as processes on a software bus, met by strangers: a CANopen master, a CANaerospace tool, a rival.
 
-And by mistakes of whoever starts them: each is one sentence on standard error and an exit code, never a traceback.
+And by mistakes of the user who starts them: each is one sentence on standard error and an exit code, never a traceback.
 """
 
 import json
@@ -50,7 +50,7 @@ BOOT_UP, PRE_OPERATIONAL = 0x00, 0x7F
 
 
 class Process:
-    """A manager or an agent, and what it says."""
+    """A manager or an agent, and its output."""
 
     def __init__(self, *arguments: str) -> None:
         self.process = subprocess.Popen(
@@ -151,7 +151,7 @@ def aircraft(tmp_path: Path) -> Iterator[Aircraft]:
 
 
 class CanopenMaster:
-    """The `canopen` package as anybody would use it; what it hears, by node-ID."""
+    """The `canopen` package as a user would use it; what it hears, by node-ID."""
 
     def __init__(self, aircraft: Aircraft) -> None:
         self.heartbeats: defaultdict[int, list[int]] = defaultdict(list)
@@ -217,7 +217,7 @@ def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) 
 
 
 def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, Identification]:
-    """Ask, and give who said what."""
+    """Send a request, and return the answers by node-ID."""
     frame = encode_service(asked)
     aircraft.bus.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False))
     found: dict[int, Identification] = {}
@@ -231,8 +231,8 @@ def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, 
     return found
 
 
-def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
-    """Asked by its number, and asked together with everybody (CANaerospace IDS on channel 0)."""
+def test_every_node_identifies_itself(aircraft: Aircraft) -> None:
+    """It answers a request by its node-ID, and one to all nodes (CANaerospace IDS on channel 0)."""
     aircraft.start_agents()
     aircraft.start_manager().event("reconfigured")
     nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
@@ -243,7 +243,7 @@ def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
 
 
 @pytest.mark.timing
-def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_reboots_nobody(aircraft: Aircraft) -> None:
+def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_no_pe_reboots(aircraft: Aircraft) -> None:
     aircraft.start_agents()
     first = aircraft.start_manager()
     assert first.event("manager_started")["term"] == 1
@@ -262,7 +262,7 @@ def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_reboots_nob
 
 
 def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) -> StatePage0:
-    """Wait until a PE says that it is in a state, in this epoch or a later one; on the way it must be configured."""
+    """Wait until a PE reports a state, in this epoch or a later one; on the way it must be configured."""
     own = state_id(aircraft.spec.pes[pe].node_id)
     while True:
         page = decode_state(aircraft.hear(lambda frame: frame.can_id == own).data)
@@ -272,11 +272,11 @@ def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) 
 
 
 @pytest.mark.timing
-def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) -> None:
+def test_a_loss_that_was_pre_planned_is_reported_in_order(aircraft: Aircraft) -> None:
     agents = aircraft.start_agents()
     manager = aircraft.start_manager()
     manager.event("reconfigured")
-    for _ in range(100):  # time to think ahead
+    for _ in range(100):  # time for pre-planning
         aircraft.hear(lambda frame: frame.can_id == management_id(126, Command.LEASE))
     agents[-1].kill()
     kinds = [event["event"] for event in manager.events_until("reconfigured")]
@@ -284,8 +284,8 @@ def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) 
     assert [kind for kind in kinds if kind in steps] == steps
 
 
-def test_a_hub_that_is_killed_ends_nobody_and_with_the_next_one_all_fly_again(aircraft: Aircraft) -> None:
-    """The PEs come back as new incarnations; the manager, which stood still meanwhile, in the same reign."""
+def test_a_hub_that_is_killed_ends_no_node_and_with_the_next_one_all_fly_again(aircraft: Aircraft) -> None:
+    """The PEs come back as new incarnations; the manager, which stood still meanwhile, in the same mastership."""
     aircraft.start_agents()
     manager = aircraft.start_manager()
     assert manager.event("manager_started")["term"] == 1
@@ -304,7 +304,7 @@ def test_a_hub_that_is_killed_ends_nobody_and_with_the_next_one_all_fly_again(ai
         assert running_state(aircraft, pe, PeState.ACTIVE).incarnation != incarnation
 
 
-# Mistakes of whoever starts them
+# Mistakes of the user who starts them
 
 
 def complaint(*arguments: str, code: int = 2) -> str:
@@ -353,7 +353,7 @@ def test_an_agent_without_its_bus(table: str, arguments: list[str], says: str) -
 
 
 @pytest.mark.parametrize("command", [[*AGENT, "--table", "x"], [*MANAGER, str(SPEC_FILE)]], ids=["agent", "manager"])
-def test_an_interface_that_nobody_knows(command: list[str]) -> None:
+def test_an_interface_that_does_not_exist(command: list[str]) -> None:
     """It is refused with the usage, as every mistyped flag is; the last line says what there is."""
     done = subprocess.run([*command, "-i", "nonsense", "-c", "x"], capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -1,4 +1,5 @@
-"""The operator and a running system, each a process of its own: phases, faults, status, and who may not call."""
+"""The operator and a running system, each a process of its own: phases, faults, status, and callers that are
+refused."""
 
 import json
 import subprocess
@@ -17,7 +18,7 @@ PHASES = "phases: {climb: {}, land: {}}\n"
 
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
-    """Figure 3 of the paper, with a phase in which nobody watches the servos any more."""
+    """Figure 3 of the paper, with a phase in which no module watches the servos any more."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     wanted = "output: servo_monitor, criticality: D, priority: 20"
     assert wanted in text
@@ -34,7 +35,7 @@ def heronry(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
     told = heronry("demo", str(spec), "--phase", "land@1", "--for", "3")
     assert told.returncode == 0, told.stdout + told.stderr
-    assert "PHASE land (was climb), asked for by the operator" in told.stdout
+    assert "PHASE land (was climb), requested by the operator" in told.stdout
     assert "- servo_monitor stops" in told.stdout
 
 
@@ -80,7 +81,7 @@ def test_an_operator_at_work(spec: Path) -> None:
         demo.until("reconfigured")
         status = demo.status()
         assert (status["phase"], [fault["element"] for fault in status["latched"]]) == ("land", ["device:gps"])
-        assert "device:gps counts as failed, says the operator" in demo.say("status").stdout
+        assert "device:gps counts as failed, reported by the operator" in demo.say("status").stdout
         assert "counts as well again" in demo.say("clear", "device:gps").stdout
         demo.until("fault_cleared", element="device:gps")
         refused = demo.say("clear", "device:gps")

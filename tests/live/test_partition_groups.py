@@ -105,7 +105,7 @@ def test_what_a_partition_has_started_ends_with_it(delegated: Delegated, groups:
         hosted.host.close()
 
 
-def test_a_group_that_nobody_delegated_is_left_alone(delegated: Delegated) -> None:
+def test_a_group_that_was_not_delegated_is_left_alone(delegated: Delegated) -> None:
     assert open_groups(lambda note: pytest.fail(note.text)) is None
     assert delegated.partitions() == []
     assert (delegated.folder / "cgroup.procs").read_text().split() == [str(os.getpid())]

@@ -1,4 +1,4 @@
-"""A few strikes of the campaign that `lab.partition_kills` is: all of them end well."""
+"""A few faults of the campaign `lab.partition_kills`: all of them end well."""
 
 import pytest
 

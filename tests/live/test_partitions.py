@@ -138,7 +138,7 @@ def on(image: str) -> pytest.MarkDecorator:
     ],
     indirect=["hosted"],
 )
-def test_a_partition_that_ends_is_told_and_the_other_one_goes_on_and_so_does_its_successor(
+def test_a_partition_that_ends_is_reported_and_the_other_one_goes_on_and_so_does_its_successor(
     hosted: Hosted, reason: str
 ) -> None:
     assert hosted.misbehave() == PartitionEnded("bad", reason, CONTROL)
@@ -198,7 +198,7 @@ def test_one_that_was_stopped_while_it_hangs_does_not_hold_its_partition() -> No
         hosted.host.close()
 
 
-def test_a_step_counts_from_when_it_was_told_to_when_it_has_answered() -> None:
+def test_a_step_lasts_from_its_command_to_its_answer() -> None:
     process = PartitionProcess("one", 0)
     image = "live.modules_that_misbehave:Misbehaving"
     try:
@@ -226,7 +226,7 @@ def answer_of(process: PartitionProcess) -> Answer:
     return decode_answer(packet)
 
 
-def test_who_computes_is_known_when_several_were_asked() -> None:
+def test_the_module_that_computes_is_known_when_several_were_started() -> None:
     hosted = Hosted("Sleeps", good="bad")
     now_ns = time.monotonic_ns()
     try:
@@ -245,7 +245,7 @@ def test_who_computes_is_known_when_several_were_asked() -> None:
 
 
 @on("Misbehaving")
-def test_a_killed_partition_that_was_idle_was_nobody_s(hosted: Hosted) -> None:
+def test_a_killed_partition_that_was_idle_blames_no_module(hosted: Hosted) -> None:
     hosted.misbehave()
     os.kill(hosted.pids()["bad"], signal.SIGKILL)
     assert hosted.next() == PartitionEnded("bad", "killed by SIGKILL", None)
@@ -284,7 +284,7 @@ def test_a_module_that_is_kept_goes_on_in_its_new_mode_and_one_that_is_dropped_b
 
 
 @on("Nonexistent")
-def test_code_that_is_not_there_is_told(hosted: Hosted) -> None:
+def test_code_that_is_not_there_is_reported(hosted: Hosted) -> None:
     hosted.start(CONTROL)
     assert hosted.next() == ImagesMissing(frozenset({hosted.entries[CONTROL].image}))
     event = hosted.next()

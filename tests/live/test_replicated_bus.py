@@ -92,7 +92,7 @@ def ip(*words: str) -> None:
 
 
 class Flight:
-    """A manager and three PEs on two wires, and all that is told and heard of them."""
+    """A manager and three PEs on two wires, and all their events and frames."""
 
     def __init__(self, folder: Path, wires: Hubs | Vcans, stack: ExitStack) -> None:
         self.wires, self.file = wires, slow_spec(folder, wires.heartbeat_ms)
@@ -125,11 +125,11 @@ class Flight:
         return [event for event in self.events if event["event"] in kinds]
 
     def told(self, kind: str, channel: str) -> set[str]:
-        """Who has told that a channel is lost, or back."""
+        """The nodes that have reported that a channel is lost, or back."""
         return {event["by"] for event in self.kinds(kind) if event["channel"] == channel}
 
     def lacking(self) -> dict[str, list[str]]:
-        """Who lacks which channel, by the status of the manager."""
+        """The nodes that lack a channel, by the status of the manager."""
         status = call(self.fleet.control_socket(), AskStatus()).status
         assert status is not None
         return dict(status["channels"])
@@ -155,12 +155,12 @@ def flight(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Flight]:
 def test_pulling_a_wire_changes_nothing_but_the_report_and_pulling_both_loses_the_bus(flight: Flight) -> None:
     wires, begun_ns = flight.wires, time.monotonic_ns()
     wires.pull(2)
-    flight.until("everybody lacks channel 2", lambda: flight.told("channel_lost", "can0.2") == EVERYBODY)
+    flight.until("all nodes lack channel 2", lambda: flight.told("channel_lost", "can0.2") == EVERYBODY)
     assert set(flight.lacking()["can0.2"]) == EVERYBODY
     wires.mend(2)
-    flight.until("everybody has channel 2", lambda: flight.told("channel_back", "can0.2") == EVERYBODY)
+    flight.until("all nodes have channel 2", lambda: flight.told("channel_back", "can0.2") == EVERYBODY)
     wires.pull(1)
-    flight.until("everybody lacks channel 1", lambda: flight.told("channel_lost", "can0.1") == EVERYBODY)
+    flight.until("all nodes lack channel 1", lambda: flight.told("channel_lost", "can0.1") == EVERYBODY)
     assert flight.lacking()["can0.2"] == []
     assert flight.kinds("pe_lost", "fault_reported", "epoch_abandoned") == []
     assert len(flight.kinds("reconfigured")) == len(flight.kinds("plan_requested")) == 1
@@ -176,7 +176,7 @@ def test_pulling_a_wire_changes_nothing_but_the_report_and_pulling_both_loses_th
     flight.until("silence", lambda: not flight.witness.served("elevator", time.monotonic_ns()))
     lease_ns = 5 * flight.spec.buses["can0"].heartbeat_ns
     flight.until("longer than T_lease", lambda: time.monotonic_ns() > time_of_loss_ns + 2 * lease_ns)
-    assert flight.kinds("pe_lost") == [], "who is deaf takes nobody for dead"
+    assert flight.kinds("pe_lost") == [], "a manager that cannot receive declares no PE down"
     wires.mend(2)
     flight.until("they are new incarnations", lambda: len({e["pe"] for e in flight.kinds("pe_lost")}) == 3)
     flight.until("all is as it was", lambda: flight.kinds("reconfigured")[1:] and not flight.lacking()["can0.2"])

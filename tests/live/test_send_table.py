@@ -70,7 +70,7 @@ def test_a_pe_waits_gets_its_table_and_starts(hub: HubProcess, capsys: pytest.Ca
 
 
 def pe_of(spec: str) -> str:
-    """Whoever has the same node-ID in another spec."""
+    """The PE with the same node-ID in another spec."""
     return next(pe.name for pe in load(shipped_spec_path(spec)).pes.values() if pe.node_id == NODE)
 
 
@@ -92,7 +92,7 @@ def test_two_cannot_wait_with_one_number(hub: HubProcess) -> None:
     assert first.end() == (0, "")
 
 
-def test_where_nobody_waits_it_is_said(
+def test_without_a_waiting_pe_the_command_reports_it(
     hub: HubProcess, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(send_table_command, "_ANSWER_WITHIN_S", 0.1)

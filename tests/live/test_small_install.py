@@ -142,7 +142,7 @@ def test_the_doctor_of_a_small_install_says_what_it_cannot_ask(small: dict[str, 
     assert told["tables"] == {
         "check": "tables",
         "ok": False,
-        "says": "no PE was asked for its spec: canopen is not installed",
+        "says": "the specs of the PEs are unknown: canopen is not installed",
         "type": 'pip install "heronry[doctor]"',
     }
 
@@ -163,7 +163,7 @@ def test_the_doctor_looks_at_a_small_install(small: dict[str, str], tmp_path: Pa
     with start_hub(tmp_path / "can0.sock") as hub:
         words = ["doctor", str(table), "-i", "softbus", "-c", str(hub.path), "--seconds", "0.1", "--json"]
         done = run("-m", "heronry_tools.cli", *words, env=small)
-    assert (done.returncode, done.stderr) == (1, "")  # nobody else is there
+    assert (done.returncode, done.stderr) == (1, "")  # no other node is there
     assert {"versions", "bus", "manager", "nodes"} <= {one["check"] for one in json.loads(done.stdout)["findings"]}
 
 

@@ -1,4 +1,5 @@
-"""The manager of a flying aircraft is killed for real: the one that stands by takes over, and nobody notices."""
+"""The manager of a flying aircraft is killed for real: the standby manager takes over, and no function is
+interrupted."""
 
 import json
 import subprocess
@@ -15,7 +16,7 @@ PATIENCE_S = 120
 
 
 def slow_aircraft(folder: Path) -> Path:
-    """A spec with long heartbeats, so that a busy machine loses nobody."""
+    """A spec with long heartbeats, so that a busy machine loses no PE."""
     text = shipped_spec_path("elevator_and_chute").read_text()
     slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
     assert slow != text

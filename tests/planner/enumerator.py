@@ -400,7 +400,7 @@ class Enumerator:
 
 
 def ways_to_hold(needs: Expression | None, path: str = "") -> list[frozenset[str]]:
-    """Every set of wired leaves below `path` with which the expression holds and rule 3 is kept."""
+    """Every set of wired leaves below `path` with which the expression holds and semantics rule 3 is kept."""
     if needs is None:
         return [frozenset()]
     if isinstance(needs, Leaf):

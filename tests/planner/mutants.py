@@ -1,9 +1,9 @@
-"""Legal configurations with something wrong in them: what the judge must refuse.
+"""Legal configurations with something wrong in them, which the verifier must refuse.
 
     PYTHONPATH=tests python -m planner.mutants 0 2000     seeds 0 to 1999: how many of each kind, and what came of them
 
 A mutation is drawn by a seed and changes one thing, as a defect of a planner or of a link might. Whether the mutant is
-still legal, brute force says: it lists every legal configuration there is. The judge must agree, either way.
+still legal, brute force says: it lists every legal configuration there is. The verifier must agree, either way.
 """
 
 import argparse
@@ -270,7 +270,7 @@ def wire_what_was_not(drawn: Drawn) -> Modules | None:
 
 
 def wire_a_second_input_of_a_xor(drawn: Drawn) -> Modules | None:
-    """Wire a leaf below a XOR which has another input already, be there somebody to give it or not."""
+    """Wire a leaf below a XOR which has another input already, whether a module gives it or not."""
     wires = [
         (name, path, leaf)
         for name in drawn.modules
@@ -394,7 +394,7 @@ def canonical(configuration: Configuration) -> Canonical:
 
 @dataclass
 class Tally:
-    """What became of the mutants, by kind; `wrong`: what the judge and brute force disagree about."""
+    """The results of the mutants, by kind; `wrong`: where the verifier and brute force disagree."""
 
     illegal: Counter[str]
     rejected: Counter[str]
@@ -428,7 +428,7 @@ def _assess(case: Case, mutant: Configuration, kind: str, known: set[Canonical],
 
 
 def main() -> int:
-    """Judge the mutants of a range of seeds; returns the exit code."""
+    """Verify the mutants of a range of seeds; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("first", type=int)
     parser.add_argument("end", type=int)

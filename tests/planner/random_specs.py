@@ -1,4 +1,4 @@
-"""Small random specs with everything in them: what planner, judge and enumerator are tried on.
+"""Small random specs with everything in them: test cases of planner, verifier and enumerator.
 
 `random_case` draws from a `random.Random`, be it a seeded one or Hypothesis's (`st.randoms`). Every spec keeps what a
 loaded one keeps (`model.py`). Capacities, bit rates and deadlines are drawn so that they often bind; `features` names

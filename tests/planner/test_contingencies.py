@@ -124,7 +124,7 @@ def test_a_row_that_means_nothing_is_refused() -> None:
     for bad in (good[:-1], good + b"\0", pack([200]), b"\xff" * 11, low_quality_altitude_alone):
         with pytest.raises(PackingError):
             code.decode(bad)
-    with pytest.raises(PackingError, match="and 10 should"):
+    with pytest.raises(PackingError, match="instead of 10"):
         objective_of([1, 2, 3])
     outcome = plan(CHUTE, Situation(GPS), RUNNING).objective
     assert objective_of(worth_of(outcome)) == outcome
@@ -177,7 +177,7 @@ def test_anything_else_is_for_the_planner() -> None:
     table = ContingencyTable(CHUTE, MADE)
     elsewhere = {**RUNNING, "state_estimator": ("only", "nowhere")}
     assert table.plan(GPS, None, elsewhere) is None, "something else runs"
-    assert table.find(GPS, None, None) is None, "nobody knows what runs"
+    assert table.find(GPS, None, None) is None, "what runs is not known"
     assert table.find(GPS, "glide", RUNNING) is None, "another phase"
     assert table.find(frozenset({"device:gps", "device:barometer", "pe:control_pe"}), None, RUNNING) is None, "too many"
 
@@ -206,7 +206,7 @@ def test_every_pe_holds_what_its_table_has_room_for() -> None:
     assert len(write_block([Preloaded(one.slices[node], one.digest) for one in compiled])) > 40
 
 
-def test_the_manager_knows_by_which_number_a_configuration_is_called_and_who_holds_it() -> None:
+def test_the_manager_knows_the_number_of_a_configuration_and_the_pes_that_hold_it() -> None:
     held = on_board(CHUTE, MADE)
     numbers = ContingencyNumbers(CHUTE, MADE, [replace(held[0], held=2), *held[1:]])
     assert [numbers.number(one) for one in MADE.configurations] == list(range(1, len(MADE.configurations) + 1))

@@ -1,4 +1,5 @@
-"""The greedy planner: always legal, never better than the best, and close to it; the judge and brute force decide."""
+"""The greedy planner: always legal, never better than the best, and close to it; the verifier and brute force
+decide."""
 
 import random
 import subprocess
@@ -44,7 +45,7 @@ def draw(rng: random.Random, crossing: bool, modules: int = 6) -> Case:
 
 
 def planned(case: Case) -> Plan:
-    """The greedy plan of a case, which the judge has accepted and whose value is what it says."""
+    """The greedy plan of a case, which the verifier has accepted and whose value is correct."""
     found = Greedy(case.spec).plan(case.now, case.running)
     assert verify(case.spec, case.now, found.configuration) == []
     assert found.objective == score(case.spec, case.now, found.configuration, case.running)
@@ -123,7 +124,8 @@ def test_what_runs_well_is_left_alone(spec: Spec) -> None:
         best = best_plan(spec, now, running).objective
         found = Greedy(spec).plan(now, running).objective
         assert (found.critical, found.utility) == (best.critical, best.utility), phase
-        # big_blue's best plan runs a program for the sake of that program's own inputs: nobody would start it for less
+        # big_blue's best plan runs a program for the sake of that program's own inputs: no search would start it for
+        # less
         assert found.changes <= (spec is BIG_BLUE), phase
 
 
@@ -165,7 +167,7 @@ def test_a_plan_can_be_written_and_read_like_any_other() -> None:
     assert repr(found.functions).startswith("{'parachute': FunctionReport(served=True")
 
 
-def test_deadlines_are_judged_as_the_verifier_does() -> None:
+def test_deadlines_are_checked_as_the_verifier_does() -> None:
     """Also where they are missed: plans that were made without a look at them."""
     verdicts = Counter[bool]()
     for seed in range(300):

@@ -1,4 +1,4 @@
-"""The planner and brute force agree on the value of the best plan, level by level; the judge accepts the plan."""
+"""The planner and brute force agree on the value of the best plan, level by level; the verifier accepts the plan."""
 
 import random
 from collections import Counter

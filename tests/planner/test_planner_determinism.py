@@ -1,4 +1,5 @@
-"""The same spec, faults and running configuration give the same plan: in any process, and whatever was asked before."""
+"""The same spec, faults and running configuration give the same plan: in any process, and whatever was planned
+before."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""A sweep says of every fault set what planning for it would say, and asks for few of them."""
+"""A sweep gives for every fault set the plan that planning would give, and plans few of them."""
 
 import random
 from collections.abc import Iterable, Iterator
@@ -26,7 +26,7 @@ CHUTE = load(shipped_spec_path("elevator_and_chute"))
 
 
 class Asked:
-    """Answers with the planner, and keeps what it was asked."""
+    """Answers with the planner, and keeps the questions."""
 
     def __init__(self, spec: Spec, *, proven: bool = True) -> None:
         self.spec, self.proven = spec, proven
@@ -90,8 +90,8 @@ def test_what_follows_from_a_fault_is_not_asked_again() -> None:
     assert frozenset({"pe:tail_pe"}) in downs
     assert frozenset({"pe:tail_pe", "device:elevator_servo_1"}) not in downs  # it went with its PE
     assert (frozenset({"device:gps"}) in downs) != (frozenset({"module:gps_driver"}) in downs)  # twins
-    assert len(asked.questions) == swept.tally.asked
-    total = swept.tally.asked + swept.tally.by_plan + swept.tally.by_twin
+    assert len(asked.questions) == swept.tally.searched
+    total = swept.tally.searched + swept.tally.by_plan + swept.tally.by_twin
     assert total == len(swept.outcomes) == scope_of(CHUTE, 2).set_count()
 
 

@@ -1,4 +1,4 @@
-"""Transitions: what the player chooses, the judge accepts; and what the slices of the agents say bears both out.
+"""Transitions: the verifier accepts what `transition` chooses, and the slices of the agents confirm both.
 
 `loads_of` is a third opinion. It knows nothing of transitions: it lets the slices that the agents would hold publish
 and forward, PE by PE, each in the state that it is put into.
@@ -64,7 +64,7 @@ functions:
 
 
 def direct(way: Transition) -> Transition:
-    """The same without waiting for anybody."""
+    """The same without waiting for any PE."""
     return replace(way, steps=(Step.GO_ALL,), wait_for={}, hold=())
 
 
@@ -217,7 +217,7 @@ def test_the_verifier_accepts_the_same_where_it_can_play_nothing(monkeypatch: py
     assert refused > 10
 
 
-def test_who_is_not_needed_once_others_wait_is_not_waited_for() -> None:
+def test_a_pe_that_is_not_needed_once_others_wait_is_not_waited_for() -> None:
     lines = ["dg: 1", "name: two", "buses: {b0: {bitrate: 1000000}, b1: {bitrate: 1000000}}", "manager: {bus: b0}"]
     places = {"both": "b0, b1", "old0": "b0", "new0": "b0", "read0": "b0", "old1": "b1", "new1": "b1", "read1": "b1"}
     lines += ["pes:"]
@@ -325,7 +325,7 @@ def swap() -> tuple[Spec, Configuration, Configuration, Situation]:
     return spec, before, plan(spec, now, placement(before)).configuration, now
 
 
-def test_who_fills_the_bus_lets_go_before_another_one_fills_it(
+def test_a_pe_that_fills_the_bus_stops_before_another_one_fills_it(
     swap: tuple[Spec, Configuration, Configuration, Situation],
 ) -> None:
     spec, before, after, now = swap

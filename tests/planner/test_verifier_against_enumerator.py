@@ -1,4 +1,4 @@
-"""The judge and the enumerator, written apart from the same page, agree on what is legal and on what it is worth."""
+"""The verifier and the enumerator, written apart from the same page, agree on what is legal and on what it is worth."""
 
 import random
 from collections import Counter
@@ -53,7 +53,7 @@ def test_every_kind_of_mutation_makes_something_illegal_that_the_verifier_reject
 
 @given(st.randoms(use_true_random=False))
 @settings(max_examples=part_of(100), deadline=None)
-def test_they_agree_on_what_faults_leave_and_on_who_is_urgent(rng: random.Random) -> None:
+def test_they_agree_on_what_faults_leave_and_on_the_order_of_urgency(rng: random.Random) -> None:
     case = random_case(rng)
     enumerator = Enumerator(case.spec, case.now)
     left = survivors(case.spec, case.now)

@@ -1,4 +1,4 @@
-"""Faults of radios in flights of real processes: what the script says, done to a hub at its time."""
+"""Faults of radios in flights of real processes: the faults of a script, injected into a hub at their times."""
 
 from pathlib import Path
 

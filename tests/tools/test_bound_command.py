@@ -77,7 +77,7 @@ def test_every_class_is_shown_with_its_worst_element_and_what_it_is_made_of(
         "device reported failed",
         "module reported failed",
     }
-    assert lines[-1] == "bus:can0     nobody can be commanded; each PE follows without_manager"
+    assert lines[-1] == "bus:can0     no PE can be commanded; each PE follows without_manager"
 
 
 def test_without_a_figure_deciding_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,14 +98,14 @@ def test_a_demux_of_a_silent_pe_waits_for_t_lease(capsys: pytest.CaptureFixture[
     assert "from the report on" in str(faults["device reported failed", "device:left"]["note"])
 
 
-def test_who_falls_silent_with_a_gateway_is_counted_with_it(capsys: pytest.CaptureFixture[str], split: Path) -> None:
+def test_pes_beyond_a_gateway_are_counted_with_it(capsys: pytest.CaptureFixture[str], split: Path) -> None:
     faults = faults_of(capsys, split)
     assert faults["bus or gateway lost", "pe:gate"] == {
         **faults["PE lost", "pe:gate"],
         "class": "bus or gateway lost",
     }
     assert faults["PE returns", "pe:gate"]["steps"] == ["BREAK", "GO_ALL"]
-    assert faults["bus or gateway lost", "bus:spare"]["note"] == "nobody falls silent: it is not noticed"
+    assert faults["bus or gateway lost", "bus:spare"]["note"] == "no PE falls silent: the fault is not noticed"
     assert ("PE lost", "pe:castaway") not in faults
 
 
@@ -123,7 +123,7 @@ def test_where_answers_may_be_asked_for_again_there_is_no_bound(
     split.write_text(SPLIT.replace("can1: {bitrate: 1000000}", "can1: {bitrate: 125000, heartbeat_ms: 10}"))
     code, out, _ = run(capsys, str(split), "--decide", "30")
     assert code == 1
-    assert "may answer later than a heartbeat period, so that it is asked again" in out
+    assert "may answer later than a heartbeat period, so that the command is repeated" in out
 
 
 def test_on_a_terminal_progress_is_shown_and_wiped(

@@ -1,4 +1,4 @@
-"""`heronry bus`: what every bus carries, under the plan that is asked for, and whether it comes in time."""
+"""`heronry bus`: what every bus carries, under a given plan, and whether it comes in time."""
 
 import json
 import re
@@ -109,7 +109,7 @@ def test_the_report_shows_each_message_and_the_totals(capsys: pytest.CaptureFixt
     )
     assert re.search(r"^1884 +CANopen heartbeat +flight +1 ", out, re.MULTILINE)
     assert "the reserve has room for 236 frames/s more" in out
-    assert "response times are worked out for wired buses alone" in out
+    assert "response times are computed for wired buses only" in out
     radio = run(capsys, "bus", "big_blue", "--bus", "radio")[1]
     assert "bus can0" not in radio
 
@@ -157,11 +157,11 @@ def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
     ("arguments", "sentence"),
     [
         (("--bus", "can1"), "big_blue has no bus 'can1'; its buses are can0, radio"),
-        (("--plan", "PLAN"), "the spec has no such module; what such a plan sends cannot be told"),
+        (("--plan", "PLAN"), "the spec has no such module; the messages of such a plan are not defined"),
         (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_sentence(
+def test_what_cannot_be_shown_is_reported_in_one_sentence(
     arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     plan_file = tmp_path / "plan.json"

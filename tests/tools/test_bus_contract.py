@@ -1,6 +1,6 @@
 """What every bus that the product runs on must do: the software bus here, real SocketCAN where vcan0 is.
 
-The stories that need arbitration and bus time are told on the software bus alone, which has them; vcan has
+The stories that need arbitration and bus time run on the software bus alone, which has them; vcan has
 neither.
 """
 
@@ -144,7 +144,7 @@ def length_bits(message: can.Message) -> int:
 def talk_all_at_once(senders: list[can.BusABC], reader: can.BusABC, frames_each: int) -> list[can.Message]:
     """Let every sender send without pause, the next frame at the echo of the last; return what is read.
 
-    The echo is told by its identifier: python-can's SocketCAN says `is_rx` False of whatever this host sent.
+    The echo is recognized by its identifier: python-can's SocketCAN says `is_rx` False of whatever this host sent.
     """
     left = dict.fromkeys(senders, frames_each)
     own_id = {bus: 0x100 + number for number, bus in enumerate(senders)}
@@ -307,7 +307,7 @@ def test_a_dead_client_leaves_the_others_alone(medium: Medium) -> None:
     assert ids_until(right, 2) == [1, 2]
 
 
-def test_a_stopped_client_slows_nobody_and_costs_nobody_a_frame(medium: Medium) -> None:
+def test_a_stopped_client_slows_no_other_and_costs_no_other_a_frame(medium: Medium) -> None:
     puppet = medium.puppet()
     puppet.signal(signal.SIGSTOP)
     senders = [medium.open(receive_own_messages=True) for _ in range(4)]

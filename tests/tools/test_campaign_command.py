@@ -106,7 +106,7 @@ def test_a_page_stands_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["--require", "A"], "write WHAT after N"),
         (["--require", "lasers after 1"], "'lasers' is neither a class (A to E) nor a function"),
         (["--require", "A after 1 in glide"], "no phase is named 'glide'; there is none"),
-        (["--require", "A after 20"], "sets of faults, and 10000000 is the most that is tried: ask for fewer"),
+        (["--require", "A after 20"], "sets of faults, and at most 10000000 are tried: choose fewer"),
         (["--scheduler", ""], "no Dask scheduler answers at"),
     ],
 )
@@ -119,7 +119,7 @@ def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: 
 def test_a_phase_that_is_not_looked_at_guarantees_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["campaign", "big_blue", "--phase", "glide", "--require", "A after 1 in landing", *ALONE]
     assert main(arguments) == 2
-    assert "phase landing is not looked at; add --phase landing" in capsys.readouterr().err
+    assert "phase landing is not examined; add --phase landing" in capsys.readouterr().err
 
 
 def test_a_requirement_covers_what_its_phase_wants() -> None:
@@ -157,7 +157,7 @@ def test_likelihoods_are_products_and_sums_of_rates() -> None:
     assert str(Likelihood(0.002, complete=False)) == "at least 2.0e-03 per hour"
 
 
-def test_a_long_list_is_cut_short_and_missing_proofs_are_told() -> None:
+def test_a_long_list_is_cut_short_and_missing_proofs_are_reported() -> None:
     scope = Scope(elements(CHUTE), 1, (None,))
     healthy = Outcome(plan(CHUTE, Situation()).configuration, plan(CHUTE, Situation()).objective, optimal=False)
     nothing = Outcome(Configuration(), plan(CHUTE, Situation(frozenset({"bus:can0"}))).objective, optimal=True)

@@ -96,7 +96,7 @@ def test_codes_are_selected_and_ignored_by_how_they_begin(
     assert [finding["code"] for finding in json.loads(out)] == codes
 
 
-def test_what_stops_a_spec_from_being_loaded_is_told_whatever_was_selected(
+def test_what_stops_a_spec_from_being_loaded_is_reported_whatever_was_selected(
     capsys: pytest.CaptureFixture[str], write: Write
 ) -> None:
     code, out = said(capsys, write(MISSPELT), "--select", "DG0", "--ignore", "DG201", "--output-format", "concise")
@@ -200,7 +200,7 @@ def test_colours_are_for_terminals(write: Write, variables: dict[str, str], colo
     assert (b"\x1b[" in shown) == coloured
 
 
-def test_shipped_specs_have_nothing_to_be_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_shipped_specs_have_no_findings(capsys: pytest.CaptureFixture[str]) -> None:
     assert said(capsys, str(ROOT / "dg_specs"), "--strict", "--output-format", "concise") == (0, "")
     assert said(capsys, "big_blue", "--output-format", "concise") == (0, "")
 

@@ -95,14 +95,14 @@ def test_sources_that_change_are_another_folder(tmp_path: Path, cache: Path, mon
     assert {folder.parent for folder in folders} == {cache}
 
 
-def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(UserError, match=r"cannot be written .*: set XDG_CACHE_HOME"):
         make(compiled_folder())
 
 
-def test_a_folder_that_does_not_come_first_is_told_and_not_asked_for_again(cache: Path) -> None:
+def test_a_folder_that_does_not_come_first_is_reported_and_not_tried_again(cache: Path) -> None:
     folder = compiled_folder()
     folder.mkdir(parents=True)  # holds nothing, so Python finds other sources
     done = told(folder, "-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--compiled")

@@ -45,13 +45,13 @@ def written(scope: Scope, swept: Sweep) -> bytes:
     return to_bytes(contingencies(CHUTE, scope, swept.outcomes, safe), CHUTE)
 
 
-def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_is_made_and_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = tmp_path / "chute.contingencies"
     code, out, err = run(capsys, "elevator_and_chute", "-o", str(made), "--jobs", "1")
     assert (code, err) == (0, "")
     assert f"{made}: {made.stat().st_size} bytes, bound to elevator_and_chute" in out
     assert "301 plans: up to 2 faults of 24 elements, and safe modes" in out
-    assert re.search(r"\d+ searched, [78]\d\.\d% pruned: \d+ by a plan that lives on, \d+ by a twin", out)
+    assert re.search(r"\d+ searched, [78]\d\.\d% pruned: \d+ by a plan that stays the best, \d+ by a twin", out)
     assert "0 plans not proven to be the best" in out
     assert re.search(r"pe tail_pe: \d+ configurations on board, \d+ of 4096 bytes", out)
     assert list(tmp_path.iterdir()) == [made], "no journal is left, and no draft"
@@ -60,7 +60,7 @@ def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_every_entry_passes_the_verifier(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
     assert code == 0
-    assert out == "25 plans and 1 safe modes: every one is legal and worth what the file says\n"
+    assert out == "25 plans and 1 safe modes: each is legal and worth what the file says\n"
 
 
 def test_an_entry_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,7 +94,7 @@ def test_a_run_goes_on_from_what_an_earlier_one_left(file: Path, capsys: pytest.
         sweep(CHUTE, Scope(elements(CHUTE), 0, (None,)), nobody, journal)
     file.unlink()
     code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1")
-    assert (code, err) == (0, f"heronry: {file}.partial goes on with 1 plans\n")
+    assert (code, err) == (0, f"heronry: continuing {file}.partial, which has 1 plans\n")
     assert file.read_bytes() == whole
 
 
@@ -107,10 +107,10 @@ def test_ctrl_c_tells_how_to_go_on(
     monkeypatch.setattr("heronry_tools.analysis.campaign.sweeping.answers", interrupted)
     file = tmp_path / "chute.contingencies"
     code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--jobs", "1")
-    assert (code, err) == (130, f"heronry: stopped; the same command goes on from {file}.partial\n")
+    assert (code, err) == (130, f"heronry: stopped; the same command continues from {file}.partial\n")
 
 
-def test_whoever_oracles_needs_no_solver(file: Path) -> None:
+def test_verifying_a_file_needs_no_solver(file: Path) -> None:
     """On a node that flies on a table and the greedy planner, without ortools."""
     code = f"""
 import sys
@@ -120,7 +120,7 @@ sys.exit(main(["contingencies", "--check", {str(file)!r}, "elevator_and_chute", 
 """
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, "")
-    assert "every one is legal and worth what the file says" in ran.stdout
+    assert "each is legal and worth what the file says" in ran.stdout
 
 
 def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -136,7 +136,10 @@ def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture
     [
         (["elevator_and_chute"], "one of the arguments -o/--output --check is required"),
         (["elevator_and_chute", "-o", "FILE", "--faults", "-1"], "write how many may happen at once"),
-        (["elevator_and_chute", "-o", "FILE", "--faults", "99"], "these are 16777216 sets of faults, and 10000000 is"),
+        (
+            ["elevator_and_chute", "-o", "FILE", "--faults", "99"],
+            "there are 16777216 sets of faults, and at most 10000000 are",
+        ),
         (["elevator_and_chute", "-o", "FILE", "--jobs", "0"], "at least one process must plan"),
         (["elevator_and_chute", "-o", "FILE", "--kinds", "pes"], "'pes' is no kind of element; there is pe, device"),
         (["elevator_and_chute", "-o", "FILE", "--phase", "glide"], "no phase is named 'glide'"),

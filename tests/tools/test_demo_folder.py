@@ -1,4 +1,4 @@
-"""The folder of a demo: what a dead run left is swept away, what belongs to anybody alive is not."""
+"""The folder of a demo: what a dead run left is removed, what belongs to a live process is not."""
 
 import os
 import subprocess
@@ -38,5 +38,5 @@ def test_only_what_a_dead_run_left_here_is_swept_away(home: Path) -> None:
     assert sorted(home.iterdir()) == sorted([own, *kept])
 
 
-def test_nobody_else_may_look_into_it(home: Path) -> None:
+def test_no_other_user_may_read_it(home: Path) -> None:
     assert run_folder().stat().st_mode & 0o777 == 0o700

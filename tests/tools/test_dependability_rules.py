@@ -55,7 +55,7 @@ def lost_by_planning_everything(spec: Spec) -> dict[str, Lost]:
 
 
 def worth_telling(spec: Spec, lost: dict[str, Lost]) -> dict[str, Lost]:
-    """A replicated bus takes two faults, and a driver that costs what its device costs says nothing new."""
+    """A replicated bus takes two faults, and a driver that costs what its device costs gives no second finding."""
     silent = {f"bus:{bus.name}" for bus in spec.buses.values() if bus.channels > 1}
     for module in spec.modules.values():
         if lost.get(f"module:{module.name}") == lost.get(f"device:{module.device}"):
@@ -102,7 +102,7 @@ def test_a_second_way_without_room_is_no_second_way() -> None:
     assert all("costs 'safe' (C)" in finding.sentence and "no room" in finding.hint for finding in found)
 
 
-def test_a_class_that_changes_with_the_phase_is_told_with_each() -> None:
+def test_a_class_that_changes_with_the_phase_is_reported_with_each() -> None:
     found = found_in(
         "phases: {climb: {}, cruise: {}, landing: {}}\n"
         "functions: {showing: {output: display, criticality: {default: C, landing: A},"
@@ -129,7 +129,7 @@ def test_a_phase_that_does_not_fit_with_everything_up_is_not_asked_what_it_loses
 
 
 def test_big_blue_keeps_its_promise() -> None:
-    """No single processor carries a class A function alone; what class A hangs on is the bus, and pieces of logic."""
+    """No single processor carries a class A function alone; what class A depends on is the bus, and pieces of logic."""
     data = shipped_spec_path("big_blue").read_bytes()
     told = assessed(data)
     class_a = [finding for finding in told if "(A" in finding.sentence]
@@ -162,7 +162,7 @@ def test_two_versions_from_one_module_are_no_choice() -> None:
 
 
 def test_what_takes_the_reader_along_is_not_missed() -> None:
-    """Reader and sensors sit on one PE: without it nobody asks."""
+    """Reader and sensors are on one PE: without it no module reads them."""
     nearby = RULES["DG411"].bad.replace("lamp: {kind: actuator, pe: tail}", "lamp: {kind: actuator, pe: nav}")
     assert nearby != RULES["DG411"].bad
     assert found_in(nearby) == []
@@ -220,4 +220,4 @@ def test_three_that_are_to_be_separate_want_three_pes() -> None:
         f"  display: {{device: lamp, needs: level, {RUNS}}}\nseparate: [[one, two, three]]\n"
     )
     assert finding.code == "DG421"
-    assert finding.sentence == "of 'one', 'two' and 'three' at most 2 can run at once on PEs of their own"
+    assert finding.sentence == "of 'one', 'two' and 'three' at most 2 can run together on PEs of their own"

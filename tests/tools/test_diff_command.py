@@ -73,7 +73,7 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
         "",
         "consequences:",
         (
-            "  elevator (A) no longer hangs on pe:tail_pe; still on module:state_estimator, module:elevator_control, "
+            "  elevator (A) no longer depends on pe:tail_pe; still on module:state_estimator, module:elevator_control, "
             "bus:can0"
         ),
     ]
@@ -82,7 +82,7 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
 def test_the_way_back_makes_it_one_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out = said(capsys, changed(tmp_path, *THIRD_SERVO), "elevator_and_chute")
     assert "- device:elevator_servo_3  kind actuator; pe control_pe" in out
-    assert "  elevator (A) now hangs on pe:tail_pe" in out
+    assert "  elevator (A) now depends on pe:tail_pe" in out
 
 
 def test_the_same_change_for_a_program(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_function_that_is_lost_and_what_that_saves(capsys: pytest.CaptureFixtu
          "[[gps_driver, pressure_driver]]"),
     ],
 )  # fmt: skip
-def test_a_field_is_told_in_the_words_of_the_spec(  # noqa: PLR0917 - a row of the table above
+def test_a_field_is_reported_with_the_key_of_the_spec(  # noqa: PLR0917 - a row of the table above
     tmp_path: Path, before: str, after: str, element: str, field: str, old: str | None, new: str | None
 ) -> None:
     changes = element_changes(load(shipped_spec_path("elevator_and_chute")), load(changed(tmp_path, (before, after))))

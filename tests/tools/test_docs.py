@@ -2,8 +2,8 @@
 
 Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
 one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
-earlier one wrote. RULES knows every command: one that it does not know fails, until somebody has said how it is to be
-tried. A command that running text mentions is held to the `--help` of its program: it exists, and so do its options.
+earlier one wrote. RULES knows every command: one that it does not know fails, until RULES says how to try it. A command
+that running text mentions is held to the `--help` of its program: it exists, and so do its options.
 """
 
 import os
@@ -93,7 +93,7 @@ RULES = [
     Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus\b.*", How.RUN),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
-        r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
+        r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py gives it to a manager"
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
@@ -235,7 +235,8 @@ def main_of(program: str) -> Callable[[], object] | None:
 
 @cache
 def help_of(program: str) -> str:
-    """What a program says of itself. Ours are asked here: a process of their own would import for a second."""
+    """The `--help` of a program. Programs of this project run in this process: another one would import for a
+    second."""
     main = main_of(program)
     if main is None:
         ended = typed(f"make -n {program[5:]}" if program.startswith("make ") else f"{program} --help", CHECKOUT)

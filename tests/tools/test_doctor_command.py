@@ -1,4 +1,4 @@
-"""`heronry doctor`: what it finds right, what it finds wrong, and what it says to type."""
+"""`heronry doctor`: what it finds right, what it finds wrong, and what it advises to type."""
 
 import json
 from collections.abc import Iterator
@@ -171,7 +171,7 @@ def test_a_clock_that_is_set_is_found_and_one_that_drifts_is_not() -> None:
     assert "clock" in wrong(assess_hearing(hearing, None, 3))
 
 
-def test_tables_of_two_specs_are_found_and_so_is_who_does_not_say() -> None:
+def test_tables_of_two_specs_are_found_and_so_is_a_pe_that_does_not_answer() -> None:
     mine, other = SPEC.digest, "cd" * 32
     assert wrong(assess_digests({92: mine, 93: mine}, SPEC)) == {}
     assert wrong(assess_digests({92: other, 93: other}, None)) == {}
@@ -239,10 +239,10 @@ def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest
     assert "no hub answers there" in capsys.readouterr().out
     assert main(["doctor", "-i", "socketcan", "-c", "no_such_can"]) == 1
     out = capsys.readouterr().out
-    assert "this kernel has no CAN" in out or "there is no interface no_such_can" in out
+    assert "this kernel does not support CAN" in out or "there is no interface no_such_can" in out
 
 
-def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(
+def test_on_a_replicated_bus_it_names_nodes_that_are_on_one_channel_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     places = [str(tmp_path / name) for name in ("one.sock", "two.sock")]
@@ -254,14 +254,16 @@ def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(
                     message = can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False)
                     task = bus.send_periodic(message, 0.02)
                     assert isinstance(task, ThreadBasedCyclicSendTask)
-                    ended.callback(task.thread.join)  # python-can closes a bus without waiting for who still sends
+                    ended.callback(
+                        task.thread.join
+                    )  # python-can closes a bus without waiting for a thread that still sends
                     ended.callback(task.stop)
             words = ["doctor", "-i", "softbus", "-c", ",".join(places), "--seconds", "0.5"]
             assert main(words) == 1
             assert f"not heard: 93 on {places[1]}" in capsys.readouterr().out
 
 
-def test_a_replicated_bus_on_which_everybody_is_heard_twice_is_right() -> None:
+def test_a_replicated_bus_on_which_every_node_is_heard_twice_is_right() -> None:
     hearing = Hearing(on_channel={"can0": set(), "can1": set()})
     for channel in hearing.on_channel:
         for frame in (lease(126), state(92), Frame(0x300, b"")):

@@ -31,7 +31,7 @@ def test_an_event_is_given_when_its_line_is_whole_and_the_end_is_noticed() -> No
         assert events.has_ended
 
 
-def test_who_waits_gets_the_event_that_is_meant_and_ends_with_the_manager() -> None:
+def test_a_waiting_caller_gets_the_event_that_is_meant_and_ends_with_the_manager() -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading, "rb") as pipe, Fleet(SPEC, FILE, run_folder()) as fleet:
         events = AwaitedEvents(fleet, pipe)

@@ -8,7 +8,7 @@ from heronry_agent.shell.cli import main as pe_agent
 from heronry_tools.cli import main
 
 
-def test_a_key_is_made_told_and_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_key_is_made_and_its_fingerprint_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "fleet.key"
     assert main(["key", str(file)]) == 0
     made = capsys.readouterr().out

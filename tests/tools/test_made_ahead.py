@@ -80,11 +80,11 @@ def test_a_killed_run_is_gone_on_with(
     (partial,) = cache.glob("*.partial")
     capsys.readouterr()
     assert contingencies_of(CHUTE, Ahead.SINGLE_FAULTS) is not None
-    assert f"heronry: {partial} goes on with 12 plans" in capsys.readouterr().err
+    assert f"heronry: continuing {partial}, which has 12 plans" in capsys.readouterr().err
     assert not partial.exists()
 
 
-def test_who_comes_second_waits_and_takes_what_was_made(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_second_process_waits_and_takes_what_was_made(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = contingencies_of(CHUTE, Ahead.SINGLE_FAULTS)
     file = kept(cache)
     data = file.read_bytes()
@@ -147,7 +147,7 @@ sys.exit(main(["table", "elevator_and_chute", "tail_pe", "-o", {str(tmp_path / "
 
 
 @pytest.mark.parametrize("command", ["manager", "demo"])
-def test_a_bus_that_is_not_there_is_told_before_anything_is_planned(
+def test_a_bus_that_is_not_there_is_reported_before_anything_is_planned(
     command: str, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([command, "elevator_and_chute", "-i", "softbus", "-c", "/no/such.sock"]) == 2

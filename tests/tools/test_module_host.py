@@ -72,13 +72,13 @@ def test_a_device_is_driven_when_the_core_says_so() -> None:
     assert hosted.plant.position("left") == 8.0
 
 
-def test_a_device_that_did_not_move_is_not_told() -> None:
+def test_a_device_that_did_not_move_is_not_echoed() -> None:
     hosted = Hosted("Gain")
     hosted.plant.fail("left", "stuck", 0)
     assert hosted.host.carry_out(Drive(MODULE, 8.0), 7) is None
 
 
-def test_a_device_that_cannot_do_what_it_is_told_says_so() -> None:
+def test_a_device_that_cannot_execute_its_command_reports_it() -> None:
     servo = Hosted("Gain", device="elevator_servo_1")
     answer = servo.host.carry_out(Drive(MODULE, "up"), 7)
     assert isinstance(answer, DriveFailed)

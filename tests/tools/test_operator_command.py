@@ -19,7 +19,7 @@ from manager.one_manager import OneManager
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OneManager]:
-    """A manager that reigns and listens to the operator."""
+    """An active manager that listens to the operator."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     flying = OneManager()
     flying.start()
@@ -72,7 +72,7 @@ def test_the_status_is_for_people_or_for_programs(manager: OneManager, capsys: p
     assert json.loads(capsys.readouterr().out)["epoch"] == 1
 
 
-def test_where_nobody_listens_one_sentence_says_what_to_do(
+def test_without_a_manager_one_sentence_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))

@@ -1,6 +1,6 @@
 """Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind.
 
-Who flies goes on flying.
+The flight itself goes on.
 """
 
 import os
@@ -44,7 +44,11 @@ def test_a_device_or_a_folder_is_refused_before_the_work(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("heronry_tools.analysis.campaign.sweeping.sweep", None)  # no work is begun
-    for file, why in ((FULL, "no ordinary file"), (tmp_path, "a folder"), (tmp_path / "no" / "file", "is no folder")):
+    for file, why in (
+        (FULL, "not an ordinary file"),
+        (tmp_path, "a folder"),
+        (tmp_path / "no" / "file", "is not a folder"),
+    ):
         assert main([*command, str(file)]) == 2
         assert why in capsys.readouterr().err
     assert FULL.is_char_device(), "a draft would have taken its place"
@@ -78,7 +82,7 @@ def test_a_sweep_without_room_for_its_journal_says_so_and_goes_on_later(
     assert "plans.partial cannot be written: File too large; make room" in said
     assert said.count("\n") == 1
     assert main(command) == 0
-    assert "goes on with" in capsys.readouterr().err
+    assert "continuing" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == [file]
 
 
@@ -92,7 +96,7 @@ def test_no_room_for_standard_output(capsys: pytest.CaptureFixture[str], monkeyp
     full = FULL.open("w")
     monkeypatch.setattr("sys.stdout", full)
     assert main(["explain", "DG001"]) == 2, "less than a buffer, so that the end is where it fails"
-    assert "what this writes has no room: No space left on device" in capsys.readouterr().err
+    assert "the output cannot be written: No space left on device" in capsys.readouterr().err
     sys.stdout.flush()  # as Python does when it ends
     with pytest.raises(OSError, match="No space"):
         full.close()

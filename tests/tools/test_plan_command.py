@@ -75,7 +75,7 @@ functions:
 """
 
 
-def test_what_never_fits_is_told_from_what_others_have_pushed_out(
+def test_what_never_fits_is_distinguished_from_what_others_have_pushed_out(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     file = tmp_path / "small.dg.yaml"

@@ -1,4 +1,5 @@
-"""`heronry render` as its user meets it: one symbol for everything, struck if dead, bold if chosen, as text too."""
+"""`heronry render` as its user meets it: one symbol for everything, crossed out if dead, bold if chosen, as text
+too."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""DG3xx beyond the examples of its rules: which cause is told, at which place, and in which phases."""
+"""DG3xx beyond the examples of its rules: which cause is reported, at which place, and in which phases."""
 
 import random
 import subprocess
@@ -52,7 +52,7 @@ def test_memory_counts_as_much_as_cpu(what: str) -> None:
     assert "65536 of 1048576 bytes of " in finding.sentence
 
 
-def test_what_does_not_fit_in_one_phase_is_told_with_that_phase() -> None:
+def test_what_does_not_fit_in_one_phase_is_reported_with_that_phase() -> None:
     """Two lamps share a PE that has room for one; only the landing wants both."""
     (finding,) = found_in(
         "devices:\n  gps: {kind: sensor, pe: nav}\n"

@@ -198,7 +198,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
         (["--loss", "0.9"], "0 to 0.5"),
         (["--runs", "-2"], "0 or more"),
         (["--runs", "0"], "1 or more"),
-        (["--seed", "x"], "x is no whole number; write 0 or more"),
+        (["--seed", "x"], "x is not a whole number; write 0 or more"),
         (["--seconds", "x"], "x is no time to fly; write 0 to 86400 seconds"),
     ],
 )
@@ -272,7 +272,8 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
         end(process.pid, number)
         told = process.communicate(timeout=20)
     assert process.returncode == 128 + number
-    assert told in (("", ""), ("", "heronry: stopped; the same command goes on from plans.partial\n"))
+    assert told in (("", ""), ("", "heronry: stopped; the same command continues from plans.partial
+"))
     until_s = time.monotonic() + 5  # the last processes end when their pipe is closed
     while members(process.pid) and time.monotonic() < until_s:
         time.sleep(0.01)

@@ -41,7 +41,7 @@ def assert_carries_frames(path: Path) -> None:
     assert received.arbitration_id == 0x123
 
 
-def test_without_a_hub_one_is_told_how_to_start_one(path: Path) -> None:
+def test_without_a_hub_the_error_says_how_to_start_one(path: Path) -> None:
     with pytest.raises(
         can.CanInitializationError, match=rf"no hub answers there.*python -m heronry_tools\.runtime\.softbus {path}"
     ):
@@ -154,7 +154,7 @@ def test_a_hub_never_outlives_a_starter_that_is_killed(path: Path) -> None:
 
 
 class RawClient:
-    """A client that says what it likes."""
+    """A client that sends any bytes."""
 
     def __init__(self, path: Path) -> None:
         self.command = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -186,7 +186,7 @@ class RawClient:
         (encode_command({**HELLO, "protocol": 2}), b"speaks protocol 1"),
     ],
 )
-def test_a_stranger_is_told_what_is_wrong_with_its_hello(hub: HubProcess, hello: bytes, complaint: bytes) -> None:
+def test_a_client_learns_what_is_wrong_with_its_hello(hub: HubProcess, hello: bytes, complaint: bytes) -> None:
     with RawClient(hub.path) as stranger:
         assert complaint in stranger.say(hello, stranger.hub_end.fileno())
         assert stranger.command.recv(1000) == b""
@@ -212,7 +212,9 @@ def test_a_hello_without_a_socket_is_refused(hub: HubProcess) -> None:
         (encode_frame(BusFrame(Frame(1, b""), 9, 0)), b"at most 8 bytes"),
     ],
 )
-def test_a_client_that_breaks_the_rules_is_told_and_removed(hub: HubProcess, record: bytes, complaint: bytes) -> None:
+def test_a_client_that_breaks_the_rules_gets_the_reason_and_is_removed(
+    hub: HubProcess, record: bytes, complaint: bytes
+) -> None:
     with RawClient(hub.path) as rude:
         rude.join()
         assert complaint in rude.say(record)

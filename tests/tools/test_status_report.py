@@ -33,7 +33,7 @@ def manager() -> OneManager:
 
 def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
     assert told(manager) == [
-        "two_tails: manager 126 is reigning, term 1; no key: whoever can send on the bus can command it",
+        "two_tails: manager 126 is reigning, term 1; no key: any node on the bus can command the system",
         "no phases; epoch 1 is done",
         "PEs",
         "  left         up         ACTIVE in epoch 1",
@@ -50,17 +50,17 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
     manager.reboot("right")
     manager.pass_time(100 * MS)
     lines = told(manager, FailElement("device:servo_left"))
-    assert lines[1] == "no phases; epoch 1 is done; a plan is awaited"
-    assert lines[2] == "! device:servo_left counts as failed, says the operator (0 s ago)"
+    assert lines[1] == "no phases; epoch 1 is done; a plan is being made"
+    assert lines[2] == "! device:servo_left counts as failed, reported by the operator (0 s ago)"
     assert lines[6].startswith("  right        returning  UNCONFIGURED: it rebooted (incarnation 2); it joins in 0.")
 
 
-def test_who_stands_by_knows_no_plan_and_says_who_does() -> None:
+def test_a_standby_manager_knows_no_plan_and_names_the_active_one() -> None:
     manager = standing_by()
     manager.pass_time(200 * MS)
     lines = told(manager)
     assert "manager 127 is standby" in lines[0]
-    assert lines[-1] == "what is served, the manager that reigns can tell"
+    assert lines[-1] == "only the active manager knows which functions are served"
 
 
 def test_before_anything_runs_nothing_is_served() -> None:
@@ -84,9 +84,9 @@ def test_a_radio_that_is_not_whole_is_a_trouble() -> None:
     flight.report(1000)
     assert not any("bus:radio" in line for line in told(flight))
     flight.report(100, times=2)
-    assert "! bus:radio has 8 % of its bandwidth; 100 % of its frames come" in told(flight)
+    assert "! bus:radio has 8 % of its bandwidth; 100 % of frames arrive" in told(flight)
     flight.report(0, LinkState.GONE)
-    assert "! bus:radio is gone: nothing is heard from beyond" in told(flight)
+    assert "! bus:radio is gone: no frame comes from beyond it" in told(flight)
 
 
 def test_what_a_manager_does_not_know_it_does_not_call_unserved() -> None:

@@ -1,4 +1,4 @@
-"""What a reader is told of a flight: the story word for word, the script's arguments, the buses, the screen."""
+"""The story of a flight, word for word; the script's arguments, the buses, the screen."""
 
 import itertools
 import os
@@ -99,7 +99,7 @@ STORY = """\
              tail_pe    100 % CPU  state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
 [  2.00 s] KILL tail_pe (SIGKILL, process 41); it ran \
 state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
-[  2.06 s] tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods
+[  2.06 s] tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods
 [  2.12 s] epoch 2 runs: 6 modules, 1 of 3 wanted functions served (pe:tail_pe: silent for 3 periods)
            detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
              - angle_driver stops (was tail_pe)
@@ -138,7 +138,7 @@ def test_a_kill_and_a_return_word_for_word() -> None:
 
 def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
     tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
-    assert tones["tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods"] == "fault"
+    assert tones["tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods"] == "fault"
     assert next(tone for text, tone in tones.items() if text.startswith("elevator is no longer served")) == "bad"
     assert tones["elevator is served again (only, value 100)"] == "good"
     assert tones["+ servo_monitor starts on tail_pe"] == "quiet"
@@ -148,7 +148,7 @@ def told_flight() -> list[Line]:
     return told(Story(ELEVATOR), list(flight()))
 
 
-def test_a_better_or_worse_mode_and_a_move_are_told_with_both_ends() -> None:
+def test_a_better_or_worse_mode_and_a_move_are_shown_with_both_ends() -> None:
     whole = plan_after(None)
     story = Story(ELEVATOR)
     told(story, reconfiguration(0, 1, whole, "start"))
@@ -163,7 +163,7 @@ def test_a_better_or_worse_mode_and_a_move_are_told_with_both_ends() -> None:
     assert re.search(r"> high_quality_altitude goes from sensor_pe \(fused\) to \w+ \(gps_only\)", text)
 
 
-def test_a_function_in_a_lesser_mode_is_told_with_its_value() -> None:
+def test_a_function_in_a_lesser_mode_is_shown_with_its_value() -> None:
     spec, story = BIG_BLUE, Story(BIG_BLUE)
     now = situation(spec, phase="glide")
     whole = plan(spec, now, None)
@@ -186,20 +186,20 @@ def test_the_story_tells_the_plan_of_the_epoch_that_runs_not_one_that_is_still_t
     assert any("servo_driver_1 stops" in line.text for line in lines)
 
 
-def test_an_epoch_that_was_given_up_is_not_told() -> None:
+def test_an_epoch_that_was_abandoned_is_not_shown() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)
     assert told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")]) == []
     assert "epoch 2" in told(story, reconfiguration(20, 2, plan_after(None), "start"))[0].text
 
 
-def test_waiting_silence_and_what_went_wrong_are_told() -> None:
+def test_waiting_silence_and_failures_are_shown() -> None:
     story = Story(ELEVATOR)
     told(story, reconfiguration(0, 1, plan_after(None, "pe:tail_pe"), "start"))
     events = [
         event("epoch_step", 10 * MS, epoch=2, step="GO", waiting_for=[]),
         event("outage", 1500 * MS, function="parachute", from_ns=300 * MS, to_ns=None),
-        event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and nobody promised it
+        event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and the plan does not have it
         event("process", 1600 * MS, pe="tail_pe", pid=9, what="killed"),
         event(
             "summary",
@@ -222,7 +222,7 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
 
 
-def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() -> None:
+def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown() -> None:
     whole = plan_after(None)
     events = [
         event("plan_ready", 1, request=1, plan=whole.document(), decide_ns=0),
@@ -238,8 +238,8 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
     lines = [line.text.removeprefix("[  0.00 s] ") for line in told(Story(ELEVATOR), events)]
     assert lines[:-1] == [
         "epoch 7 runs already: it is adopted as it is",
-        "PHASE land (was climb), asked for by tail_pe",
-        "device:gps is taken for well again, says the operator",
+        "PHASE land (was climb), requested by tail_pe",
+        "device:gps counts as working again, cleared by the operator",
         "it would start b, c; move a",
         "it would only change modes and wires",
         "epoch 8 runs, which this manager does not know: it advises nothing",
@@ -249,7 +249,7 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
 
 
 @pytest.mark.parametrize("kind", ["advice", "unknown_epoch"])
-def test_the_clock_of_who_only_advises_starts_with_what_it_says_first(kind: str) -> None:
+def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str) -> None:
     fields = {"epoch": 8} if kind == "unknown_epoch" else {"plan": {}, "moved": [], "started": ["a"], "stopped": []}
     cleared = {"element": "device:gps", "by": "the operator"}
     events = [
@@ -408,26 +408,26 @@ def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:
     over = event("summary", 3_000 * MS, served=["parachute"], unserved=[], rivals=[], pending=None)
     told = [line.text for one in (killed, taken, over) for line in story.tell(one)]
     assert "KILL the manager (SIGKILL, process 7)" in told[0]
-    assert "THE STANDBY TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]
+    assert "THE STANDBY MANAGER TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]
     assert "since the manager was killed no function has fallen silent" in told[2]
 
 
-def test_one_that_takes_over_unasked_says_how_long_nobody_was_heard() -> None:
+def test_a_manager_that_takes_over_reports_how_long_no_manager_was_heard() -> None:
     taken = event("taken_over", 5_000 * MS, term=2, before=0, silent_ns=None, phase=None)
     (line,) = Story(BIG_BLUE).tell(taken)
-    assert "THE STANDBY TAKES OVER: term 2, after no manager was heard" in line.text
+    assert "THE STANDBY MANAGER TAKES OVER: term 2, after no manager was heard" in line.text
 
 
 def test_a_killed_manager_is_not_restored() -> None:
     assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
-    with pytest.raises(UserError, match="the standby reigns"):
+    with pytest.raises(UserError, match="the standby manager stays active"):
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
     with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_two_managers_go_through_can_be_told(seed: int) -> None:
+def test_every_event_of_two_managers_can_be_shown(seed: int) -> None:
     faults = drawn_faults(ELEVATOR, seed, 6.0, of_two=True)
     simulation = Simulation(ELEVATOR, seed, standby=True, key=KEY)
     injections = Injections(simulation, faults, start_ns=2_000 * MS)

@@ -68,21 +68,21 @@ def mended(spec: Spec, found: Explanation) -> list[tuple[Spec, Situation]]:
 def test_a_fault_is_the_reason_and_its_end_the_repair(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--down", "device:gps")
     assert out.startswith("elevator is not served: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is")
-    assert out.endswith("because, all at once:\n  pe:tail_pe is down\nmended by:\n  pe:tail_pe comes back\n")
+    assert out.endswith("because, all at once:\n  pe:tail_pe is down\nrepaired by:\n  pe:tail_pe comes back\n")
 
 
-def test_two_faults_that_each_suffice_to_lose_it_must_both_be_mended(capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_faults_that_each_suffice_to_lose_it_must_both_be_repaired(capsys: pytest.CaptureFixture[str]) -> None:
     down = ("--down", "device:chute_solenoid", "--down", "module:chute_logic")
     out = run(capsys, "elevator_and_chute", "parachute", *down)
-    assert "\nbecause, all at once:\n  module:chute_logic is down\nmended by:\n" in out, "either of them is enough"
-    assert out.endswith("mended by:\n  device:chute_solenoid comes back, and module:chute_logic comes back\n")
+    assert "\nbecause, all at once:\n  module:chute_logic is down\nrepaired by:\n" in out, "either of them is enough"
+    assert out.endswith("repaired by:\n  device:chute_solenoid comes back, and module:chute_logic comes back\n")
 
 
 def test_a_worse_mode_has_reasons_too(capsys: pytest.CaptureFixture[str]) -> None:
     out = run(capsys, "big_blue", "guidance", "--down", "device:gps", "--phase", "glide")
     assert out == (
         "guidance is served in glide, but only in mode level: value 30 instead of 100\n"
-        "because, all at once:\n  device:gps is down\nmended by:\n  device:gps comes back\n"
+        "because, all at once:\n  device:gps is down\nrepaired by:\n  device:gps comes back\n"
     )
 
 
@@ -115,14 +115,14 @@ def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: 
 # Resources
 
 
-def test_what_has_no_room_is_told_how_much_would_be_enough() -> None:
+def test_for_a_function_without_room_the_answer_names_how_much_would_be_enough() -> None:
     """With a PE less the servo's monitor gives way; either a PE comes back or one of the others gets more CPU."""
     found = explained(TIGHT, "servo_monitoring", "pe:sensor_pe")
     assert {one.kind for one in found.reasons} <= {"down", "cpu", "function"}
     assert len(found.repairs) > 1
     assert found.repairs[0].restore == ("pe:sensor_pe",)
     text = why_command._text(TIGHT, found)
-    assert "mended by any one of these:\n  pe:sensor_pe comes back\n" in text
+    assert "repaired by any one of these:\n  pe:sensor_pe comes back\n" in text
     assert "cores more on pe control_pe (" in text
     document = json.loads(why_command._json(TIGHT, found))
     assert any(one["add"] and one["add"][0]["kind"] == "cpu" for one in document["repairs"])
@@ -157,7 +157,7 @@ def test_every_capacity_can_be_the_reason(spec: Spec, function: str, kind: str) 
     assert "more on" in why_command._text(spec, found)
 
 
-def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
+def test_rules_and_deadlines_can_be_reasons_that_nothing_repairs() -> None:
     apart = replace(CHUTE, separate=(("chute_logic", "release_driver"), ("chute_logic", "chute_driver")))
     bound = replace(apart, together=(("chute_logic", "chute_driver"),))
     found = explained(bound, "parachute")
@@ -166,7 +166,7 @@ def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
     text = why_command._text(bound, found)
     assert "chute_logic and chute_driver must not share a PE" in text
     assert "chute_logic and chute_driver must share a PE" in text
-    assert text.endswith("no element that comes back, and no capacity, mends it\n")
+    assert text.endswith("no returning element and no added capacity repairs it\n")
 
     hurried = {name: replace(one, deadline_ns=1) for name, one in CHUTE.variables.items()}
     late = explained(replace(SPREAD, variables=hurried), "elevator")
@@ -174,7 +174,7 @@ def test_rules_and_deadlines_can_be_reasons_that_nothing_mends() -> None:
     assert in_words(CHUTE, Assumption("deadlines", "")) == "data must arrive in time"
 
 
-def test_what_nobody_gives_has_no_reason_that_could_be_otherwise() -> None:
+def test_a_variable_without_a_giver_has_no_reason_that_could_be_relaxed() -> None:
     modules = {name: module for name, module in CHUTE.modules.items() if name != "elevator_control"}
     found = explained(replace(CHUTE, modules=modules), "elevator")
     assert (found.reasons, found.repairs) == ((), ())

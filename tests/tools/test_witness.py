@@ -47,7 +47,7 @@ def fly(witness: Witness, device: str, start_ms: int, end_ms: int) -> None:
         assert witness.see(now_ms * MS, echo(ELEVATOR, device)) is not None
 
 
-def test_a_function_is_served_while_its_actuator_is_told_something(witness: Witness) -> None:
+def test_a_function_is_served_while_its_actuator_is_commanded(witness: Witness) -> None:
     assert not witness.served("elevator", 0)
     assert witness.last_output("elevator") is None
     fly(witness, "elevator_servo_1", 0, 1000)

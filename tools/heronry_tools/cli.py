@@ -1,7 +1,7 @@
-"""The command `heronry`: one parser, one file per command, nothing heavy imported before it is needed.
+"""The command `heronry`: one parser, one file per command, and nothing slow is imported before it is needed.
 
 A command file has `add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. Errors
-that a user can mend are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
+that a user can fix are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
 """
 
 import argparse
@@ -41,27 +41,27 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
 
 _EPILOG = """\
 examples:
-  heronry demo                                   the whole system on a software bus: a kill, a reconfiguration
+  heronry demo                                   the whole system on a software bus: a kill, and what follows
   heronry plan big_blue --down pe:flight         the best configuration without the flight computer
   heronry plan big_blue --json >plan.json        ... as JSON
   heronry verify big_blue plan.json              is that plan legal?
   heronry bus big_blue                           every message on its buses, with its worst case
   heronry bound big_blue                         how long a reconfiguration takes at most
   heronry campaign big_blue --faults 1           what survives any single fault
-  heronry cutsets big_blue elevator              what it takes to lose a function
+  heronry cutsets big_blue elevator              the smallest fault sets that lose a function
   heronry why big_blue guidance --down device:gps --phase glide
-  heronry contingencies big_blue -o big_blue.contingencies      every plan ahead, for the manager
+  heronry contingencies big_blue -o big_blue.contingencies      plans for all faults, made ahead for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
-  heronry key fleet.key                          from now on nobody else commands
-  heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
+  heronry key fleet.key                          a key, without which no node can command
+  heronry status                                 what the manager here knows; phase, fail, clear: orders to it
   heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
-  heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
+  heronry sim big_blue --runs 100                a hundred flights in virtual time, each with other faults
   heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
-  heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
-  heronry replay flight.log big_blue             a recording through the manager again: why it decided so
+  heronry scenario kill.scenario                 a text file: what happens, and what is expected then
+  heronry replay flight.log big_blue             a recording run through the manager again: why it decided so
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
-  heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
+  heronry check my.dg.yaml                       its errors and warnings, for editors, hooks and CI
   heronry render big_blue -o big_blue.svg        its dependency graph as a picture
   heronry diff big_blue my.dg.yaml               what changed, and what follows from it
 
@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="heronry",
-        description="Graceful degradation for CAN-bus avionics: plan, deploy, watch and try.",
+        description="Graceful degradation for CAN-bus avionics: plan, deploy, observe and test.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -92,7 +92,7 @@ def _run(argv: Sequence[str]) -> int:
 
 
 def _files_for(argv: Sequence[str]) -> list[str]:
-    """The file of the command that is asked for; all of them where none is, as for --help."""
+    """The file of the command that is given; all of them where none is, as for --help."""
     return [name for name, commands in COMMANDS.items() if argv and argv[0] in commands] or list(COMMANDS)
 
 

@@ -1,1 +1,1 @@
-"""Judging specs like code: what is looked for beyond loading, what is suppressed, and how findings are told."""
+"""Checking specs as a linter checks code: the checks beyond loading, suppressed findings, and reports."""

@@ -1,7 +1,7 @@
-"""From the bytes of one file to all that is to be said about it.
+"""From the bytes of one file to all findings about it.
 
-The loader speaks first. Only a spec that loads is shown to the checks of the families; what stops a spec from being
-loaded is always told, whatever was selected, because nothing else could be known about it.
+The loader comes first. Only a spec that loads goes to the checks of the families; a finding that stops a spec from
+being loaded is always reported, whatever was selected, because nothing else is known about that spec.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ Check = Callable[[Subject, Findings], None]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What the user wants to hear: beginnings of codes, and the codes of warnings that are errors here."""
+    """The findings that the user wants: beginnings of codes, and the codes of warnings that are errors here."""
 
     selected: tuple[str, ...] = ("DG",)
     ignored: tuple[str, ...] = ()
@@ -56,7 +56,7 @@ class Assessed:
 def assess(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
 ) -> Assessed:
-    """Judge a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
+    """Check a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
     with loader.collector_at_rest():
         return _assess(data, file, checks, rules, choice)
 
@@ -87,7 +87,7 @@ def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Findings that count, and the comments that took others away."""
+    """Findings that count, and the comments that suppressed others."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:
@@ -105,7 +105,7 @@ def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Find
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
-    """Findings about comments that ignore nothing, as far as it was looked for."""
+    """Findings about comments that ignore nothing, for the codes that were checked."""
     rule = file_rules.UNUSED_IGNORE
     unused = Findings(file)
     for ignore in said.ignores:

@@ -1,11 +1,12 @@
-"""What a spec says to `heronry check` in its comments.
+"""Instructions to `heronry check` in the comments of a spec.
 
     altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
     # dg: ignore[DG240, DG241] for the next line that is neither empty nor a comment
     # dg: error[DG401]         above the first line of the spec: this warning is an error here
 
-A comment counts from the first `# dg:` of a line on, wherever that stands: whoever writes one into a quoted text is
-told so. What stops a spec from being loaded is never ignored, nor is what is found about the comments themselves.
+A comment counts from the first `# dg:` of a line on, wherever that stands: one inside a quoted text counts, too, or
+gives a finding. A finding that stops a spec from being loaded is never ignored, nor is what is found about the comments
+themselves.
 """
 
 import re
@@ -35,13 +36,13 @@ class Ignore:
 
 @dataclass(slots=True)
 class Instructions:
-    """All that the comments of a file ask for."""
+    """All instructions in the comments of a file."""
 
     ignores: list[Ignore] = field(default_factory=list)
     raised: set[str] = field(default_factory=set)
 
     def ignores_of(self, finding: Finding) -> Iterator[Ignore]:
-        """What ignores a finding; nothing where it counts."""
+        """The instructions that ignore a finding; none where it counts."""
         return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
 
 
@@ -70,7 +71,7 @@ class _Reader:
         self.found = Instructions()
 
     def read(self, lines: list[str]) -> None:
-        """Read all lines, from the last one up: a comment that stands alone speaks of what follows."""
+        """Read all lines, from the last one up: a comment on a line of its own is about what follows."""
         content = [number for number, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
         first = following = content[0] if content else len(lines) + 1
         for number in range(len(lines), 0, -1):
@@ -86,7 +87,7 @@ class _Reader:
     def _one(self, place: Place, text: str, line: int, *, in_head: bool) -> None:
         said = _SAID.match(text)
         if said is None:
-            self._findings.add(rules.BAD_COMMENT, place, f"{shown(text)} is no instruction to heronry check", _HINT)
+            self._findings.add(rules.BAD_COMMENT, place, f"{shown(text)} is not an instruction to heronry check", _HINT)
         elif said["verb"] == "error":
             self._raise(place, said["codes"], in_head=in_head)
         else:
@@ -109,7 +110,7 @@ class _Reader:
         for rule in self._rules(place, codes):
             if rule.stops or rule.code in _ABOUT_COMMENTS:
                 sentence = f"{rule.code} cannot be ignored"
-                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "mend what is found, and remove the comment")
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "fix what is found, and remove the comment")
             else:
                 self.found.ignores.append(Ignore(place, rule.code, line))
 

@@ -1,4 +1,4 @@
-"""The examples of rules made whole: a fragment laid over a small sound spec.
+"""The examples of rules as whole specs: a fragment laid over a small spec without findings.
 
 A fragment holds top-level keys with what belongs to them; each takes the place of the key of that name in `SOUND`, or
 is added at the end. A fragment that has a `dg` key, or no key at all, is a whole file by itself. Text that is no UTF-8

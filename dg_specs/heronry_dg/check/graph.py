@@ -1,9 +1,10 @@
-"""DG23x and DG24x: what makes sense word by word and still cannot be meant.
+"""DG23x and DG24x: parts of a spec that load and still have no effect, or none that can be meant.
 
-Looked at without a solver, over all modes at once. What is reported is certain; what is not reported may still be
-impossible for reasons of place and capacity, which are for the families that solve. Echoes are left out: a module that
-never runs because of an input that nobody gives is told once, at that input, and what is of no use is told only where
-all inputs can be wired: a driver that is missing would leave its device unused, and whatever else its reader hears.
+The check needs no solver, and looks at all modes together. What is reported is certain; what is not reported may still
+be impossible for reasons of place and capacity, which are for the families that solve. Consequences are left out: a
+module that never runs because no module gives one of its inputs is reported once, at that input, and unused parts are
+reported only where all inputs can be wired: a driver that is missing would leave its device unused, and all else that
+its reader reads.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.
@@ -40,7 +41,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 class _Wiring:
-    """Who gives what to whom, over all modes; each answer is worked out once."""
+    """The producers and readers of variables, over all modes; each answer is computed once."""
 
     def __init__(self, spec: Spec) -> None:
         self.demux_of = {name: demux.name for demux in spec.demuxes.values() for name in demux.branches}
@@ -64,7 +65,7 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Who could be wired to a leaf; branches of one DEMUX, of which one runs, count as one."""
+        """Modules that could be wired to a leaf; branches of one DEMUX, of which one runs, count as one."""
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -106,7 +107,7 @@ def _accepted(leaf: Leaf) -> _Accepted:
 
 
 def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
-    """Find inputs that nobody can ever be wired to."""
+    """Find inputs that can never be wired."""
     for module in subject.spec.modules.values():
         for mode in module.modes.values():
             places = subject.leaf_places(module.name, mode.name)
@@ -117,18 +118,18 @@ def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
                     findings.add(rules.UNPRODUCED, place, sentence, hint)
                 elif not wiring.is_given(leaf):
                     there = listed([f"{leaf.variable}@{version}" for version in sorted(wiring.givers[leaf.variable])])
-                    sentence = f"module '{module.name}' reads {_asked(leaf)}, which no module gives"
+                    sentence = f"module '{module.name}' reads {_accepted_text(leaf)}, which no module gives"
                     findings.add(rules.UNGIVEN_VERSION, place, sentence, f"what is given is {there}")
 
 
-def _asked(leaf: Leaf) -> str:
+def _accepted_text(leaf: Leaf) -> str:
     if leaf.best == leaf.worst:
         return f"'{leaf.variable}@{leaf.best}'"
     return f"'{leaf.variable}@<={leaf.worst}'"
 
 
 def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
-    """Find phases that are never entered because nobody gives what they watch."""
+    """Find phases that are never entered because no module gives what they watch."""
     for phase in subject.spec.phases.values():
         if phase.when is not None and phase.when.variable not in wiring.givers:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
@@ -143,12 +144,14 @@ def _needs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
             if mode.needs is None or _Possible(module, wiring).holds(mode.needs):
                 continue
             one_of_many = f"mode '{mode.name}' of module" if len(module.modes) > 1 else "module"
-            sentence = f"{one_of_many} '{module.name}' can never run: what it needs is never given all at once"
+            sentence = f"{one_of_many} '{module.name}' can never run: its inputs are never all given at the same time"
             path = ("modules", module.name, "modes", mode.name, "needs")
             place = subject.place(
                 *path if len(module.modes) > 1 or _has_modes(subject, module) else (*path[:2], "needs")
             )
-            findings.add(rules.NEVER_HOLDS, place, sentence, "ask for less, or let another module give a part of it")
+            findings.add(
+                rules.NEVER_HOLDS, place, sentence, "require fewer inputs, or let another module give some of them"
+            )
 
 
 def _has_modes(subject: Subject, module: Module) -> bool:
@@ -158,7 +161,7 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Whether gates of one module could hold if everything that can run at once did; never False without proof."""
+    """Tells whether gates of one module could hold if all that can run together did; False only with proof."""
 
     module: Module
     wiring: _Wiring
@@ -188,7 +191,7 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Who could be wired to a leaf while this module runs; None where nobody gives it, which is told elsewhere."""
+        """Modules that could be wired to a leaf while this one runs; None where no module gives it: another finding."""
         if not self.wiring.is_given(leaf):
             return None
         groups, own = self.wiring.groups(leaf), self.wiring.demux_of.get(self.module.name)
@@ -220,7 +223,7 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
 
 
 def _unused_gates(subject: Subject, findings: Findings) -> None:
-    """Find shorthands that nobody names; a DEMUX that nobody names is refused by the loader."""
+    """Find shorthands that no expression names; the loader refuses a DEMUX that no module names."""
     draft = subject.loaded.draft
     named: set[str] = set()
     for module in draft.modules.values():
@@ -228,7 +231,7 @@ def _unused_gates(subject: Subject, findings: Findings) -> None:
     for entry in draft.shorthands.values():
         named |= set(yaml_source.texts(entry.node))
     for name in draft.shorthands.keys() - named:
-        sentence = f"gate '{name}' is named by nobody"
+        sentence = f"no expression names gate '{name}'"
         findings.add(rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove it, or name it in `needs`")
 
 
@@ -245,7 +248,7 @@ def _unused_modules(subject: Subject, wiring: _Wiring, findings: Findings) -> No
     outputs = [name for function in spec.functions.values() if _is_ever_wanted(function) for name in function.outputs]
     for name in spec.modules.keys() - wiring.upstream(outputs):
         sentence = f"module '{name}' serves no function, so it never runs"
-        hint = "make it the output of a function with a priority, let somebody read what it gives, or remove it"
+        hint = "make it the output of a function with a priority, let another module read what it gives, or remove it"
         findings.add(rules.UNUSED_MODULE, subject.place("modules", name), sentence, hint)
 
 

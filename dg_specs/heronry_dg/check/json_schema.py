@@ -1,6 +1,6 @@
 """The JSON schema of a spec (draft 7), for editors: they complete fields, show what each means, and mark mistakes.
 
-It comes from the forms of schema.py, and says here what those leave open: gate expressions, initial values, names. It
+It comes from the forms of schema.py, and adds what those leave open: gate expressions, initial values, names. It
 accepts all that the loader accepts, a key without a value included; it knows nothing of what names refer to.
 """
 
@@ -111,7 +111,7 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Say which of several forms an element has, by the field that tells them apart."""
+    """Add the choice between several forms of an element, by the field that distinguishes them."""
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},
@@ -131,7 +131,7 @@ def _number_given(field: str) -> dict[str, Any]:
 
 
 def _complete(form: dict[str, Any]) -> None:
-    """Say of one form what the models leave open, and leave out what only repeats a name."""
+    """Add to one form what the models leave open, and remove what only repeats a name."""
     form.pop("title", None)
     required = form.get("required", ())
     for name, field in form.get("properties", {}).items():

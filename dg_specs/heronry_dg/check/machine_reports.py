@@ -119,7 +119,7 @@ def _uri(file: str) -> str:
 
 
 def junit_report(files: Sequence[Assessed]) -> str:
-    """One suite per file: a failed case per error, one passed, with words, per warning, one for a clean file."""
+    """One suite per file: a failed case per error, a passed one with a text per warning, one for a clean file."""
     suites = "".join(_suite(assessed) for assessed in files)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'
 

@@ -1,4 +1,4 @@
-"""What is told about rules: one on a terminal, all of them as a page of documentation."""
+"""The text about rules: one rule on a terminal, all of them as a page of documentation."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -11,11 +11,11 @@ _MOST_LINES: Final = 24
 _HEAD: Final = """\
 # Rules
 
-All that `heronry check` can find. `heronry rules --docs >docs/rules.md` writes this page; `heronry explain DG203` tells
-the same of one code. How to select, ignore and raise codes is told in [check.md](check.md).
+All rules of `heronry check`. `heronry rules --docs >docs/rules.md` writes this page; `heronry explain DG203` shows one
+rule. [check.md](check.md) tells how to select, ignore and raise codes.
 
 A finding that **stops** keeps the spec from being loaded by any command, and cannot be ignored. Where an example shows
-a part of a file, the rest is a small sound spec.
+a part of a file, the rest is a small spec without findings.
 """
 
 

@@ -1,4 +1,4 @@
-"""A spec under check: what it means, and where its parts were written.
+"""A spec under check: its model, and where its parts were written.
 
 A check of a family is a function `check(subject, findings)`. It is called only for a spec that loads, so every form of
 the draft is there and every name refers to something.
@@ -21,7 +21,7 @@ class Subject:
 
     @property
     def spec(self) -> Spec:
-        """What the file means."""
+        """The spec as the loader built it."""
         return self.loaded.spec
 
     def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:

@@ -39,7 +39,7 @@ def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
 
 
 def summary(files: Sequence[Assessed]) -> str:
-    """Say how much was found in how many files; the last line of a report for people."""
+    """The last line of a report for people: how many findings in how many files."""
     findings = [finding for assessed in files for finding in assessed.findings]
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     counts = [(errors, "error"), (len(findings) - errors, "warning")]

@@ -1,7 +1,7 @@
-"""DG5xx: what a spec says on the bus, beside CANaerospace's list, the identifier plan and arbitration.
+"""DG5xx: what a spec sends on the bus, compared with CANaerospace's list, the identifier plan and arbitration.
 
-Looked at without a solver: who sends what depends on the plan, so for arbitration everything is counted that could be
-on a bus in some configuration, each in its fastest mode. On a bus behind a gateway times count from that bus on.
+The check needs no solver. Which module sends what depends on the plan, so for arbitration everything counts that could
+be on a bus in some configuration, each in its fastest mode. On a bus behind a gateway times count from that bus on.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.

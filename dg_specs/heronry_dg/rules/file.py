@@ -1,6 +1,6 @@
 """DG0xx: the file. It can be read, it is plain YAML, and its comments to `heronry check` make sense.
 
-Looked for by yaml_source.py and plain_scalars.py while the file is read, and by check/comments.py (DG09x).
+yaml_source.py and plain_scalars.py check them while the file is read, and check/comments.py those of DG09x.
 How a rule is added is shown in rule.py.
 """
 
@@ -17,7 +17,7 @@ UNREADABLE = FAMILY.stop(
     "DG001",
     "unreadable-file",
     what="The file cannot be read.",
-    why="Nothing can be said about a spec that is not there, or that may not be read.",
+    why="A spec that does not exist, or that may not be read, cannot be checked.",
     fix="Check the path and the permissions; name a file, or a folder that holds *.dg.yaml files.",
     bad="(a path to nothing)",
     good="(a path to a file)",
@@ -29,7 +29,7 @@ TOO_LARGE = FAMILY.stop(
     why="Specs come from anywhere. What is beyond the limits is refused before it costs time or memory.",
     fix="A spec is a short text: look for data that was pasted into it, or divide the system into two.",
     bad="(a file with more bytes or values than the limits)",
-    good="(a text that somebody wrote)",
+    good="(a text written by hand)",
 )
 NOT_UTF8 = FAMILY.stop(
     "DG003",
@@ -62,7 +62,7 @@ EMPTY = FAMILY.stop(
     "DG006",
     "empty-file",
     what="The file is empty, or holds comments alone.",
-    why="It is no spec, and whoever generated it may have failed.",
+    why="It is not a spec, and the program that generated it may have failed.",
     fix="Begin with `dg: 1`.",
     bad="# nothing yet\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
@@ -71,7 +71,7 @@ TOO_DEEP = FAMILY.stop(
     "DG007",
     "too-deep",
     what="Something is nested deeper than any spec needs.",
-    why="Depth beyond reason is how a hostile file exhausts its reader.",
+    why="A hostile file could exhaust its reader by its depth.",
     fix="Give a part of the expression a name under `gates:`, and use the name.",
     bad=f"contingency: {'[' * 64}{']' * 64}\n",
     good="contingency: {faults: 1}\n",
@@ -89,7 +89,7 @@ SECOND_DOCUMENT = FAMILY.stop(
     "DG011",
     "second-document",
     what="A second YAML document begins in the file.",
-    why="Many programs read the first one and pass over the rest in silence.",
+    why="Many programs read the first one and skip the rest without a message.",
     fix="Write one file per spec, without `---` between parts.",
     bad="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n---\ndg: 1\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
@@ -125,7 +125,7 @@ DUPLICATE_KEY = FAMILY.stop(
     "DG015",
     "duplicate-key",
     what="A key is given twice in one map.",
-    why="Most readers of YAML keep one of the two without a word, and not all the same one.",
+    why="Most readers of YAML keep one of the two without a message, and not all the same one.",
     fix="Remove one of them, or rename it.",
     bad="contingency: {faults: 1, faults: 2}\n",
     good="contingency: {faults: 2}\n",
@@ -134,7 +134,7 @@ KEY_NOT_TEXT = FAMILY.stop(
     "DG016",
     "key-not-text",
     what="A key is not text.",
-    why="Keys are names of fields and of elements; `1`, `true` and lists are none.",
+    why="Keys are names of fields and of elements; `1`, `true` and lists are not names.",
     fix="Write a name; put it in quotes where YAML would read a number.",
     bad="phases: {1: {}}\n",
     good="phases: {first: {}}\n",
@@ -214,8 +214,8 @@ SPECIAL_KEY = FAMILY.stop(
 BAD_COMMENT = FAMILY.error(
     "DG090",
     "bad-comment",
-    what="A comment that begins with `dg:` is no instruction that `heronry check` knows.",
-    why="A misspelt instruction would be passed over in silence, and with it what it was to do.",
+    what="A comment that begins with `dg:` is not an instruction that `heronry check` knows.",
+    why="A misspelt instruction would be skipped without a message, and would have no effect.",
     fix="Write `# dg: ignore[DG240] reason`, or `# dg: error[DG240]` above the first line of the spec.",
     bad="contingency: {faults: 1}  # dg: ingore[DG240] later\n",
     good="contingency: {faults: 1}  # later\n",
@@ -224,7 +224,7 @@ NO_REASON = FAMILY.error(
     "DG091",
     "ignore-without-reason",
     what="A finding is ignored, and the comment does not say why.",
-    why="Who reads the spec next cannot tell a considered exception from a warning that was in the way.",
+    why="A later reader of the spec cannot tell a considered exception from a warning that was merely silenced.",
     fix="Write the reason behind the bracket: `# dg: ignore[DG240] read by the ground station`.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}  # dg: ignore[DG240]\n",
     good="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}  # dg: ignore[DG240] reserved for the ground\n",
@@ -233,16 +233,16 @@ UNUSED_IGNORE = FAMILY.warning(
     "DG092",
     "unused-ignore",
     what="A comment ignores a finding that is not there.",
-    why="The mistake was mended and the comment forgotten: it would hide the next one.",
+    why="The mistake was fixed and the comment forgotten: it would hide the next mistake.",
     fix="Remove the code from the comment, or the whole comment.",
-    bad="variables:\n  speed: {type: FLOAT}  # dg: ignore[DG240] nobody reads it yet\n",
+    bad="variables:\n  speed: {type: FLOAT}  # dg: ignore[DG240] not read yet\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
 UNKNOWN_CODE = FAMILY.error(
     "DG093",
     "unknown-code",
-    what="A comment names a code that there is not, or one that cannot be ignored or raised.",
-    why="It does nothing. What stops a spec from being loaded is never ignored, and an error is raised already.",
+    what="A comment names a code that does not exist, or one that cannot be ignored or raised.",
+    why="It has no effect. What stops a spec from being loaded is never ignored, and an error is raised already.",
     fix="`heronry rules` lists the codes.",
     bad="contingency: {faults: 1}  # dg: ignore[DG999] later\n",
     good="contingency: {faults: 1}\n",

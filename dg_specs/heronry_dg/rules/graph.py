@@ -1,8 +1,7 @@
 """DG2xx: the graph. Names refer to something, gates can hold, and what is declared is used.
 
-The rules that stop a spec from being loaded are looked for by expression_reader.py, gate_rules.py and
-reference_rules.py; the others, from DG230 on, by check/graph.py in a spec that loads. How a rule is added is shown in
-rule.py.
+expression_reader.py, gate_rules.py and reference_rules.py check the rules that stop a spec from being loaded;
+check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
 """
 
 from typing import Final
@@ -56,7 +55,7 @@ UNKNOWN_NAME = FAMILY.stop(
 VERSION_OUT_OF_RANGE = FAMILY.stop(
     "DG202",
     "version-out-of-range",
-    what="A version is given or asked for that the variable does not have.",
+    what="A version is given or read that the variable does not have.",
     why="A variable has versions 1 (the best) to `versions`, which is 1 if left out.",
     fix="Write a version that exists, or raise the variable's `versions`.",
     bad=_voter("speed@3"),
@@ -160,14 +159,14 @@ UNKNOWN_GATE = FAMILY.stop(
     "unknown-gate",
     what="There is no gate of that kind, or it has no such field.",
     why="Gates are `and`, `or` (with `k` and `of`) and `xor`; a `demux` has a name under `gates:`.",
-    fix="Write one of them. A NOT does not exist: what is not there cannot be waited for.",
+    fix="Write one of them. A NOT does not exist: a module cannot wait for the absence of a datum.",
     bad=_display("{nand: [speed]}"),
     good=_display("{and: [speed]}"),
 )
 GATE_VERSION = FAMILY.stop(
     "DG213",
     "version-of-a-gate",
-    what="A version is asked of a named gate.",
+    what="A named gate is written with a version.",
     why="Versions belong to variables; a gate holds or does not.",
     fix="Write the gate's name alone, and put versions inside the gate.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed@1')}",
@@ -234,8 +233,8 @@ SECOND_ROUTE = FAMILY.stop(
 MANAGER_BUS = FAMILY.stop(
     "DG220",
     "manager-bus",
-    what="There is no bus that the manager could sit on, or it sits on a wireless one beside a wired one.",
-    why="Management must arrive in time, and the air never promises that.",
+    what="There is no bus for the manager, or the manager is on a wireless bus although there is a wired one.",
+    why="Management must arrive in time, which a radio cannot guarantee.",
     fix="Add a wired bus, or name the right one: `manager: {bus: can0}`.",
     bad="buses: {can0: {bitrate: 1000000, kind: wireless}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
@@ -286,7 +285,7 @@ NOT_A_NUMBER_TO_WATCH = FAMILY.stop(
     good="variables:\n  speed: {type: SHORT}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
 )
 
-# What follows is looked for in a spec that loads; that something is of no use, only where nothing is missing.
+# The following rules are checked in a spec that loads; those about unused parts only where nothing is missing.
 
 UNPRODUCED = FAMILY.error(
     "DG230",
@@ -305,7 +304,7 @@ UNGIVEN_VERSION = FAMILY.error(
     "ungiven-version",
     what="An input accepts only versions of a variable that no module gives.",
     why="The variable has producers, but none of this quality, so the input will never be wired.",
-    fix="Ask for a version that is given, or let a module give this one.",
+    fix="Read a version that is given, or let a module give this one.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n"
     f"{_display('{and: [speed@1, {or: {k: 0, of: [speed@2]}}]}')}",
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n{_display('speed@1')}",
@@ -313,10 +312,10 @@ UNGIVEN_VERSION = FAMILY.error(
 NEVER_HOLDS = FAMILY.error(
     "DG232",
     "never-holds",
-    what="The `needs` of a mode can never hold, though somebody gives everything that they read.",
-    why="What they ask for excludes itself: several versions of a variable that only one module gives, in modes of "
+    what="The `needs` of a mode can never hold, although modules give everything that they read.",
+    why="They exclude themselves: several versions of a variable that only one module gives, in modes of "
     "which one runs; or data of another branch of the same DEMUX, of which one runs.",
-    fix="Lower `k`, ask for one version, or let another module give what is missing.",
+    fix="Lower `k`, read one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
     f'  display: {{device: lamp, needs: {{and: ["speed@1", "speed@2"]}}, {RUNS}}}\n',
@@ -328,7 +327,7 @@ UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
     "unused-variable",
     what="A variable is read by no module and watched by no phase.",
-    why="It is a leftover, or its reader names another one. What is read by nobody is never sent.",
+    why="It is a leftover, or its reader names another one. A variable that no module reads is never sent.",
     fix="Remove it, or read it.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
@@ -338,7 +337,7 @@ UNUSED_MODULE = FAMILY.echo(
     "unused-module",
     what="A module serves no function: nothing that leads to an output ever reads what it gives.",
     why="No idle module runs, so it never will.",
-    fix="Remove it, make it the output of a function, or let somebody read what it gives.",
+    fix="Remove it, make it the output of a function, or let another module read what it gives.",
     bad=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n",
     good=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n"
     "functions: {showing: {output: display}, logging: {output: logger}}\n",
@@ -346,9 +345,9 @@ UNUSED_MODULE = FAMILY.echo(
 NO_SENSOR = FAMILY.echo(
     "DG242",
     "fed-by-no-device",
-    what="A function is fed by no device: on no way from a sensor does anything reach its output.",
+    what="A function is fed by no device: no path leads from a sensor to its output.",
     why="Its output depends on nothing that is measured or commanded; a driver or its `device` may be missing.",
-    fix="Let a module with a sensor stand at the beginning of the graph.",
+    fix="Put a module with a sensor at the beginning of the graph.",
     bad="devices:\n  lamp: {kind: actuator, pe: tail}\n"
     f"modules:\n  driver: {{gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
     good=f"modules:\n{DRIVER}{DISPLAY}",
@@ -356,8 +355,8 @@ NO_SENSOR = FAMILY.echo(
 UNUSED_GATE = FAMILY.echo(
     "DG243",
     "unused-gate",
-    what="A named gate is named by nobody.",
-    why="It is a leftover, or whoever should name it names another one.",
+    what="No expression names a named gate.",
+    why="It is a leftover, or an expression names another one by mistake.",
     fix="Remove it, or name it.",
     bad="gates: {any_speed: speed}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",
@@ -366,7 +365,7 @@ UNUSED_DEVICE = FAMILY.echo(
     "DG244",
     "unused-device",
     what="A device is driven by no module.",
-    why="A sensor that nobody reads, or an actuator that nobody moves, is a leftover or lacks its driver.",
+    why="A sensor or an actuator without a driver is a leftover, or its driver is missing.",
     fix="Remove it, or write the module that drives it.",
     bad="devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: nav}\n"
     "  lamp: {kind: actuator, pe: tail}\n",

@@ -1,19 +1,19 @@
 r"""A rule: one thing that can be wrong with a spec, under a code that never changes its meaning.
 
-A code is `DG` and three digits; the first digit names the family. A code that is no longer found is retired, and never
-given to another rule: people write codes into comments and scripts.
+A code is `DG` and three digits; the first digit names the family. A code that is no longer used is retired, and never
+given to another rule, since comments and scripts name codes.
 
-A rule carries all that `heronry explain` tells and docs/rules.md repeats, and its own proof: `bad` is a spec with
-the mistake and `good` its corrected twin. Both are fragments: their sections replace those of a small sound spec
-(check/examples.py), and the tests check that the one earns this code alone and the other nothing. What cannot be
-shown is told in parentheses, and the tests make it.
+A rule carries the text of `heronry explain` and of docs/rules.md, and its own proof: `bad` is a spec with the mistake
+and `good` its corrected twin. Both are fragments: their sections replace those of a small sound spec
+(check/examples.py), and the tests check that the one gets this code alone and the other none. An example that cannot be
+printed is described in parentheses, and the tests make it.
 
-How a rule is added to a family (the family's file says where it is looked for):
+How a rule is added to a family (the family's file says which file checks it):
 
     UNUSED_THING = FAMILY.warning(
         "DG299",
         "unused-thing",
-        what="A thing is declared, and nobody uses it.",
+        what="A thing is declared, and nothing uses it.",
         why="It is a leftover, or the name of another one is misspelt where it should be used.",
         fix="Remove it, or use it.",
         bad="things:\n  pump: {}\n",
@@ -23,9 +23,9 @@ How a rule is added to a family (the family's file says where it is looked for):
 A family makes a `warning`, an `echo` (a warning that an error may cause), an `error`, or a `stop` (an error with which
 a spec cannot be loaded). Where it is seen:
 
-    findings.add(UNUSED_THING, place, "thing 'pump' is used by nobody", "remove it, or name it in 'uses'")
+    findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
-The sentence tells of this one case, with names and numbers; the hint says what to write. Then tests/dg/twins wants two
+The sentence describes this one case, with names and numbers; the hint says what to write. Then tests/dg/twins needs two
 whole specs, DG299.bad.yaml and DG299.good.yaml, a line apart; and `heronry rules --docs >docs/rules.md`.
 """
 
@@ -46,7 +46,7 @@ class Rule:
     """One thing that can be wrong.
 
     `stops`: a spec with it cannot be loaded at all, so it is never ignored. `echo`: an error of its family may cause
-    it, so it is told only where there is none.
+    it, so it is reported only where there is none.
     """
 
     code: str
@@ -62,7 +62,7 @@ class Rule:
 
 
 class Words(TypedDict):
-    """What a rule says, and its two examples."""
+    """The texts of a rule, and its two examples."""
 
     what: str
     why: str
@@ -85,7 +85,7 @@ class Family:
         return self._add(Rule(code, name, Severity.ERROR, stops=True, **words))
 
     def error(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add an error that is looked for in a spec that loads."""
+        """Add an error that is checked in a spec that loads."""
         return self._add(Rule(code, name, Severity.ERROR, **words))
 
     def warning(self, code: str, name: str, **words: Unpack[Words]) -> Rule:

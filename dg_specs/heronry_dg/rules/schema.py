@@ -1,7 +1,7 @@
 """DG1xx: one element by itself. Its fields exist, and each has a value that fits.
 
-Looked for by draft.py and quantities.py, field by field, and by reference_rules.py where two fields of one element must
-fit each other. How a rule is added is shown in rule.py.
+draft.py and quantities.py check them, field by field, and reference_rules.py where two fields of one element must fit
+each other. How a rule is added is shown in rule.py.
 """
 
 from typing import Final
@@ -25,9 +25,9 @@ NOT_A_MAP = FAMILY.stop(
 UNKNOWN_FIELD = FAMILY.stop(
     "DG102",
     "unknown-field",
-    what="An element has a field that there is not.",
-    why="A misspelt field would be passed over in silence, and its default would hold.",
-    fix="Take the name that is suggested; docs/rules.md and `heronry schema` know all fields.",
+    what="An element has a field that does not exist.",
+    why="A misspelt field would be skipped without a message, and its default would hold.",
+    fix="Take the name that is suggested; `heronry schema` has all fields.",
     bad="buses: {can0: {bitrate: 1000000, max_laod: 0.5}}\n",
     good="buses: {can0: {bitrate: 1000000, max_load: 0.5}}\n",
 )
@@ -35,7 +35,7 @@ MISSING_FIELD = FAMILY.stop(
     "DG103",
     "missing-field",
     what="An element lacks a field that has no default.",
-    why="No value would be right for everybody.",
+    why="No value would be right for every system.",
     fix="Add the fields that are named.",
     bad="buses: {can0: {}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
@@ -45,7 +45,7 @@ WRONG_TYPE = FAMILY.stop(
     "wrong-type",
     what="A value is of the wrong kind: text for a number, a number for a list, half of a whole number.",
     why="Nothing is guessed: `'1'` is text, and 1.5 is no number of channels.",
-    fix="Write what the sentence asks for.",
+    fix="Write what the sentence names.",
     bad=pes(nav="node_id: 92, buses: can0"),
     good=pes(),
 )
@@ -80,7 +80,7 @@ SHORT_LIST = FAMILY.stop(
     "DG108",
     "short-list",
     what="A list has too few items to mean anything.",
-    why="A PE on no bus hears nobody; a rule about one module alone says nothing.",
+    why="A PE on no bus receives nothing; a placement rule about one module has no effect.",
     fix="Add items, or remove the list.",
     bad="separate: [[driver]]\n",
     good="separate: [[driver, display]]\n",
@@ -179,7 +179,7 @@ TOO_FAST_A_WIRE = FAMILY.stop(
     "DG119",
     "faster-than-can",
     what="A wired bus is faster than CAN: more than 1 000 000 bit/s.",
-    why="Response times are computed for classical CAN (ISO 11898-1); CAN FD is not spoken.",
+    why="Response times are computed for classical CAN (ISO 11898-1); CAN FD is not supported.",
     fix="Write the nominal bit rate. A link that is no cable has `kind: wireless`.",
     bad="buses: {can0: {bitrate: 2000000}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",

@@ -1,6 +1,6 @@
-"""DG5xx: the wire. Identifiers mean what CANaerospace says, there are enough of them, and what matters arrives first.
+"""DG5xx: the wire. Identifiers mean what CANaerospace says, there are enough of them, and critical data arrive first.
 
-Looked for by check/wire.py in a spec that loads. Two variables under one identifier are DG218, because no spec with
+check/wire.py checks them in a spec that loads. Two variables under one identifier are DG218, because no spec with
 them can be loaded. How a rule is added is shown in rule.py.
 """
 
@@ -63,7 +63,7 @@ STANDARD_UNIT = FAMILY.error(
     "DG502",
     "standard-unit",
     what="A variable with a standard identifier has another unit than CANaerospace gives that identifier.",
-    why=f"{_STANDARD}: whoever reads knots as metres per second is off by a factor of two, and no frame tells.",
+    why=f"{_STANDARD}: a receiver that reads knots as metres per second is off by a factor of two, without a sign.",
     fix="Let the producer convert, write the unit as the list does, or leave `identifier` out. Another spelling of the "
     "same unit is understood (V for volt, rpm for 1/min, mbar for hPa).",
     bad="variables:\n  speed: {type: FLOAT, unit: kt, identifier: 315}\n",
@@ -73,8 +73,8 @@ UNASSIGNED_IDENTIFIER = FAMILY.warning(
     "DG503",
     "unassigned-identifier",
     what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
-    why="It is reserved, or free for a later edition of the list; who reads by the list will not know it.",
-    fix="Leave `identifier` out, and one is allocated from those that are nobody's.",
+    why="It is reserved, or free for a later edition of the list; a receiver that follows the list does not know it.",
+    fix="Leave `identifier` out, and one is allocated from those that are free.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )

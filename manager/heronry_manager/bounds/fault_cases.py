@@ -1,7 +1,7 @@
 """The faults that a reconfiguration is bounded for: every single one of a spec, from what runs when all is well.
 
 Each case is planned as the manager would plan it: against what runs, by a planner that is given. An element that the
-running plan does not use changes nothing, so it is not asked about.
+running plan does not use changes nothing, so no plan is made for it.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ Planner = Callable[[Situation, Placement | None], Configuration]
 
 
 def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
-    """Give every single fault in a phase, and the return of every PE; elements in the spec's order, class by class."""
+    """Yield every single fault in a phase, and the return of every PE; elements in the spec's order, class by class."""
     healthy = Situation(phase=phase)
     runs = plan(healthy, None)
     silenced = list(_silenced(spec, phase))
@@ -34,12 +34,12 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Give how many plans are made at most."""
+    """Upper bound on the number of plans that `fault_cases` makes."""
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 
 def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
-    """PEs and buses with the PEs that fall silent with them; a PE that takes others along is a gateway lost as well."""
+    """PEs and buses with the PEs that fall silent with them; a PE that cuts off others is a lost gateway, too."""
     reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
     for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
         for name in names:

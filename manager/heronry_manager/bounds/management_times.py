@@ -1,16 +1,16 @@
 """How long commands and answers take on each bus, while all is quiet and while the system is being reconfigured.
 
-The regular frames are those of rule 9, and more: also the states that gateways pass on toward the manager, and page 1
-with every tenth of them. What comes on top (`Burst`) comes once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and
-what each PE answers; and a PING for each silent PE with every beat. Data and all else have less priority, and block
-with one frame of 8 bytes.
+The regular frames are those of semantics rule 9, and more: also the states that gateways pass on toward the manager,
+and page 1 with every tenth of them. What comes on top (`Burst`) comes once: emergencies, PREPARE, SLICE, ACTIVATE,
+CONTROL, and what each PE answers; and a PING for each silent PE with every beat. Data and all else have less priority,
+and block with one frame of 8 bytes.
 
 SLICE frames leave the manager paced, one in the time of two (`reconfiguration`). A bus that cannot take them at that
 pace for ever still takes those that there are: they are counted as a stream and as a burst, and the smaller result is
 good. Behind a gateway they may come in a burst.
 
 What is forwarded has a jitter of one of its periods; that holds as long as every response is shorter than that, which
-whoever uses this must check. Frames are taken to be neither lost nor destroyed, and nodes to compute in no time.
+the caller must check. Frames are taken to be neither lost nor destroyed, and nodes to compute in no time.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 PACED_BITS = 2 * WORST_BLOCKING_BITS  # from one SLICE to the next
 _NS_PER_S = 1_000_000_000
-_LEASE_NEWS = 2  # LEASE and ALIVE that a gateway passes on at once, since they say something new
+_LEASE_NEWS = 2  # LEASE and ALIVE that a gateway passes on immediately, since they carry something new
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Burst:
     broadcasts: int = 0  # PREPARE and ACTIVATE
     answers: int = 0  # of each PE
     reports: int = 0  # of modules: an emergency event, an EMCY, and the CONTROL that acknowledges it
-    silent: frozenset[str] = frozenset()  # PEs that say nothing any more, and are PINGed with every beat
+    silent: frozenset[str] = frozenset()  # PEs that send nothing any more, and are PINGed with every beat
 
 
 QUIET = Burst()
@@ -72,7 +72,7 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Response times on a bus; None: nothing bounds them."""
+        """Response times on a bus; None: they have no bound."""
         entry = self._spec.buses[bus]
         ways = [
             self._frames(entry, burst, paced=paced) for paced in ([True, False] if self._is_first(bus) else [False])

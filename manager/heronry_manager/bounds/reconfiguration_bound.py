@@ -13,8 +13,8 @@ Where several PEs fall silent together, each is declared at its own moment and b
 last one. Each of them may have brought an epoch under way, whose frames are counted as well.
 
 Bounds hold for one fault at a time, reported by one module where one reports, without lost or destroyed frames, on
-nodes that compute in no time. Beyond a radio nobody is waited for, unless it must break first; then the radio is taken
-for a cable. None: nothing bounds it, and `note` says why.
+nodes that compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first;
+then the radio is taken for a cable. None: there is no bound, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -59,7 +59,7 @@ class Case:
 
     @property
     def several(self) -> bool:
-        """Tell whether the plan comes in several epochs, as one PE after another is declared or counted on."""
+        """Tell whether the plan comes in several epochs, as one PE after another is declared down or available."""
         return len(self.silent) > 1 or len(self.returns) > 1
 
 
@@ -77,7 +77,7 @@ class Bound:
     steps: tuple[Step, ...] = ()
     heard_on: str = ""  # the bus on which it shows at last that PEs are silent, or speak again
     note: str = ""
-    is_hopeless: bool = False  # nothing is done about it: nobody can be commanded, or nobody notices
+    is_hopeless: bool = False  # no reconfiguration follows: no PE can be commanded, or the fault is not noticed
 
     @property
     def total_ns(self) -> int | None:
@@ -110,7 +110,7 @@ class Bounds:
         reached = survivors(self._spec, case.now).pe_cpu_millis.keys() & self._paths.keys()
         if not reached:
             return Bound(
-                case, None, 0, note="nobody can be commanded; each PE follows without_manager", is_hopeless=True
+                case, None, 0, note="no PE can be commanded; each PE follows without_manager", is_hopeless=True
             )
         try:
             found = self._detected(case, decide_ns)
@@ -122,7 +122,7 @@ class Bounds:
             return Bound(case, None, decide_ns, note=str(error))
 
     def _detected(self, case: Case, decide_ns: int) -> Bound:
-        """How long until the manager knows, and what is to be said of that."""
+        """Time until the manager knows of the fault, with the note on it."""
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
@@ -133,12 +133,12 @@ class Bounds:
             told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
             return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.fault is FaultClass.BUS_LOST:
-            return replace(found, note="nobody falls silent: it is not noticed", is_hopeless=True)
+            return replace(found, note="no PE falls silent: the fault is not noticed", is_hopeless=True)
         told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
         return replace(found, detect_ns=told_ns, note="from the report on")
 
     def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
-        """Add what it takes to bring a plan about."""
+        """Add the times for distributing and activating the plan."""
         case = found.case
         way = self._transitions.transition(case.before, case.after, case.now)
         steps = tuple(dict.fromkeys((Step.BREAK, *way.steps))) if case.several else way.steps
@@ -171,7 +171,7 @@ class Bounds:
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """What is under way while the slices are; of several epochs one may be going, one given up, and one coming."""
+        """Frames under way beside the slices; of several epochs, one may be running, one abandoned and one new."""
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
         counts = {pe: self._slice_frames(pe, case, before, after) for pe in reached}
@@ -190,7 +190,7 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """What is under way while a step is taken: who is not waited for may still be at what came before."""
+        """Frames under way while a step is taken: PEs that are not waited for may still be at the step before."""
         first = self._spec.manager.bus
         beyond = burst.slices_beyond
         stragglers = sum(
@@ -219,7 +219,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """T_lease of the silent PEs that drove these."""
+        """Time to wait for T_lease of the silent PEs that drove these DEMUXes."""
         branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
         drove = {running.pe for module, running in case.before.modules.items() if module in branches}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
@@ -228,13 +228,13 @@ class Bounds:
         return sum(times[bus].answer_ns for bus in self._paths[pe])
 
     def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
-        """From a command to the last answer of these PEs."""
+        """Time from a command to the last answer of these PEs."""
         paths = [self._paths[pe] for pe in pes]
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Say who answers so late that it is asked again."""
+        """Return a note on the PE that answers so late that the command is repeated; None: there is none."""
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
-                return f"{pe} may answer later than a heartbeat period, so that it is asked again"
+                return f"{pe} may answer later than a heartbeat period, so that the command is repeated"
         return None

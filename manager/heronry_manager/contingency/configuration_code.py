@@ -4,7 +4,7 @@
     for each leaf of its mode     0: it is not wired; else 1 + producer
 
 Variable and version of a wire follow from the leaf and from the producer's mode. Equal configurations have equal rows.
-Rows mean something together with the spec's digest, and with nothing else.
+A row has a meaning only together with the spec's digest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -100,4 +100,4 @@ def objective_of(worth: Sequence[int]) -> Objective:
         case [a, b, c, d, utility, inputs, changes, branches, bus, cpu]:
             return Objective((a, b, c, d), utility, inputs, changes, branches, bus, cpu)
         case _:
-            raise PackingError(f"{len(worth)} numbers say what a plan is worth, and 10 should")
+            raise PackingError(f"a plan's worth has {len(worth)} numbers instead of 10")

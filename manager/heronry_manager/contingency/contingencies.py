@@ -1,6 +1,6 @@
 """Plans made ahead, as a value: every fault set up to a size, in several phases, and a safe mode for each phase.
 
-Configurations are kept once and numbered from 1, in the order in which they are wanted on board: the fault-free ones,
+Configurations are kept once and numbered from 1, in the order in which PEs hold them on board: the fault-free ones,
 the safe modes, then those of single faults phase by phase, then those of two, and so on. Number 0 is none. PREPARE has
 12 bits for a number (docs/protocol.md), so those up to 4095 can be called by it. The same spec, scope and planner give
 the same numbers.

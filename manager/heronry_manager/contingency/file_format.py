@@ -13,7 +13,7 @@ costs no more than that index.
 
 Bytes of our own, because indices into a spec that is bound by its digest need a tenth of what names do, and compressed,
 because neighbours are alike: configurations differ in a few modules. zlib and SHA-256 are in the standard library.
-Whatever is wrong with a file is one sentence with the remedy, and none of it is used.
+A file with any error is not used; the error is one sentence with the remedy.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ _MAGIC = b"HERONRY"
 FORMAT = 1
 _HEAD_BYTES = len(_MAGIC) + 1 + 32 + 4
 _DIGEST_BYTES = 32
-_MOST_BYTES = 1 << 28  # unpacked; more is no file of ours, and nobody's memory is taken by it
+_MOST_BYTES = 1 << 28  # unpacked; a longer one is no contingency file, and is not unpacked
 
 
 class ContingencyFileError(HeronryError, ValueError):
@@ -49,7 +49,7 @@ def read_contingencies(file: Path, spec: Spec) -> Contingencies:
 
 
 def to_bytes(made: Contingencies, spec: Spec) -> bytes:
-    """Write; the same contingencies give the same bytes."""
+    """Write the file; the same contingencies give the same bytes."""
     body = _body(made, spec)
     head = _MAGIC + bytes((FORMAT,)) + bytes.fromhex(made.spec_digest) + len(body).to_bytes(4, "big")
     content = head + zlib.compress(body, 9)
@@ -57,7 +57,7 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 
 
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
-    """Read; raises ContingencyFileError."""
+    """Read the bytes of a file; raises ContingencyFileError."""
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
         raise ContingencyFileError("this is no contingency file")

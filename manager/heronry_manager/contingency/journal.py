@@ -1,11 +1,11 @@
 """What a sweep has found so far, on disk: a run that was killed loses nothing but what was being searched.
 
 The journal is a text file beside the one that is being made, of lines that know whether they are whole
-(`checked_lines`). The first line says for what (spec digest, scope); every other one is an answer: phase, elements that
-are down, configuration as a row, worth, proven or not. Lines are only ever appended. A kill can tear the last one: at
-the next start everything from the first bad line on is cut off. A journal of another spec or scope is written anew.
+(`checked_lines`). The first line names the spec's digest and the scope; every other one is an answer: phase, elements
+that are down, configuration as a row, worth, proven or not. Lines are only ever appended. A kill can tear the last one:
+at the next start everything from the first bad line on is cut off. A journal of another spec or scope is written anew.
 
-Only one run at a time may write it, which a lock sees to; the lock goes with the process, however that ends.
+Only one run at a time may write it; a lock ensures that, and the kernel releases it when the process ends.
 """
 
 import fcntl
@@ -56,13 +56,13 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with suppress(OSError):  # `add` has said it already
+        with suppress(OSError):  # `add` has reported it already
             self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
         """Append an answer; it survives a kill from the moment this returns.
 
-        Raises JournalError where the disk takes no more; what is there by then is good for the next run.
+        Raises JournalError where the disk is full; the lines before stay usable for the next run.
         """
         row = self._code.encode(outcome.configuration)
         content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
@@ -106,7 +106,7 @@ class Journal:
 
 
 def _whole_lines(data: bytes) -> Iterator[tuple[bytes, object]]:
-    """Lines with what they say, up to the first that is torn or damaged."""
+    """Lines and their contents, up to the first that is torn or damaged."""
     for line in data.splitlines(keepends=True):
         content = line_content(line)
         if content is DAMAGED:

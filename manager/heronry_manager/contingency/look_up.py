@@ -1,16 +1,16 @@
 """The plan for what has just happened, if it was made ahead: found in microseconds, without a solver.
 
-A plan made ahead was judged when it was made and when its file was checked. What is left to see to in flight is its
-precondition:
+A plan made ahead was verified when it was made and when its file was checked. In flight only its precondition is left
+to be checked:
 
     these elements are down    or a set that comes to the same: a PE behind a dead gateway, a device on a dead PE and a
-                               module that has no PE left are down already, whether somebody names them or not
+                               module that has no PE left are down already, whether they are named or not
     this phase holds
     this configuration runs    the fault-free one of the phase, module by module; at the start, when nothing is down, it
                                is enough that nothing is known to run: then changes are free
 
-A plan is put together when it is first asked for; those of single faults are at the start, with their reports, since
-these take longer than a look-up may.
+A plan is put together when it is first looked up; the plans of single faults, with their reports, are made at the
+start, since that takes longer than a look-up may.
 
 Anything else is for the planner. With another configuration running the plan would still be legal, but no longer the
 one with the fewest changes.
@@ -49,7 +49,7 @@ class ContingencyTable:
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Find the same as a plan."""
+        """Find the same, as a `Plan`; None where nothing was made ahead."""
         found = self.find(down, phase, running)
         if found is None:
             return None
@@ -69,7 +69,7 @@ class ContingencyTable:
 
 
 def _implied(spec: Spec, element: str) -> frozenset[str]:
-    """Give what is as good as down while an element is; never two elements each other."""
+    """Return the elements that count as down while this one is; no two elements imply each other."""
     left = survivors(spec, Situation(frozenset({element})))
     homeless = (f"module:{module.name}" for module in spec.modules.values() if not left.hosts(module))
     return (lost_of(left) | frozenset(homeless)) - {element}

@@ -1,12 +1,12 @@
-"""Which contingencies fit into the PEs themselves, and by which number each is called (rule 5).
+"""Which contingencies fit into the PEs themselves, and the number of each (protocol rule 5).
 
 A PE that holds its slice of a configuration needs no SLICE frames when the configuration is wanted: its number, in
-PREPARE, is enough. Configurations are numbered in the order in which they are wanted on board, so a PE holds those from
-1 to as far as its `table_bytes` reach (and PREPARE's 12 bits). Beyond them the manager sends slices as ever.
+PREPARE, is enough. Configurations are numbered by their importance, the most important first, so a PE holds those from
+1 to as far as its `table_bytes` reach (and PREPARE's 12 bits). For the others the manager sends slices as usual.
 
 The manager works out from its own file what every PE holds. A PE that was given a table without contingencies, or one
-made from another file, says that its slice is not on board, and gets it (`reconfiguration`); so nothing needs to be
-told beforehand, and nobody stages what was not meant.
+made from another file, says that its slice is not on board, and gets it (`reconfiguration`); so no agreement is needed
+beforehand, and no PE stages another configuration than the manager means.
 """
 
 from base64 import b64encode
@@ -35,7 +35,7 @@ class OnBoard:
 
 
 class ContingencyNumbers:
-    """Numbers of the configurations on board, and who holds them."""
+    """Numbers of the configurations on board, and the PEs that hold them."""
 
     def __init__(self, spec: Spec, made: Contingencies, held: Iterable[OnBoard]) -> None:
         self._code = ConfigurationCode(spec)
@@ -57,7 +57,7 @@ class ContingencyNumbers:
 
 
 def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
-    """Fill every PE as far as it goes."""
+    """Fill the table of every PE with as many slices as fit."""
     compiler = Compiler(spec)
     compiled = [compiler.configuration(one) for one in made.configurations[:MOST_NUMBERS]]
     return [
@@ -72,7 +72,7 @@ def loaded(table: PeTable, one: OnBoard) -> PeTable:
 
 
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
-    """Hold as many of the first slices as there is room for: one more never takes less room."""
+    """Take as many of the first slices as there is room for: one more never takes less room."""
     fits, too_many = 0, len(slices) + 1
     while too_many - fits > 1:
         middle = (fits + too_many) // 2

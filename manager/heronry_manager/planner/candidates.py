@@ -9,7 +9,7 @@ each other are possible together.
 *Useful.* A module is useful when it is the output of a wanted function (priority above 0 in the phase), a branch of a
 wanted DEMUX, or feeds a possible mode of a useful module. What is not useful cannot serve (semantics.md rule 5).
 
-What remains contains every legal configuration. Nothing here knows of sums: resources and traffic are the solver's.
+What remains contains every legal configuration. Sums (resources, traffic) are not checked here: the solver does that.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -103,7 +103,7 @@ def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
 
 
 def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Take away modes whose needs cannot hold until none is left."""
+    """Remove modes whose needs cannot hold, until none is left."""
     current = placeable
     while True:
         given = _given(current)

@@ -1,15 +1,17 @@
 """Choose first, then pack: levels 1 and 2 where there is more to do than fits.
 
-*Choose*: who runs, in which modes, as if the PEs that a module may go to were one PE. That leaves a small problem of
-some hundred literals, and every legal configuration is among its answers: so the most that can be chosen bounds what
-can be served. As a rule that much can be had, and then what is hard is to find places for it.
+*Choose*: which modules run, in which modes, as if the PEs that a module may go to were one PE. That leaves a small
+problem of some hundred literals. Every legal configuration is among its answers, so the value of the best choice is an
+upper bound of what can be served. As a rule a legal configuration reaches that bound, and the hard part is to find
+places for the chosen modules.
 
-*Pack*: of the choices that are worth as much, the one that takes the least CPU leaves the most room. The search fixes
-it in its own model, where finding the places is all that is left.
+*Pack*: of the choices of this value, the one that takes the least CPU leaves the most room. The search fixes this
+choice in its own model; only the places are left to be found.
 
-What this finds is a configuration like any other, and the bound holds of all. Where it finds none, others may do that
-are worth as much, or a little less; that is left to the search over everything, which is told of each PE what follows
-of whole modules and takes its time to prepare.
+A configuration found in this way is an ordinary one, and the bound holds for all configurations. Where no packing is
+found, another choice of the same value, or of a little less, may still fit; the search over everything looks for it.
+That search is also given, for each PE, constraints that follow from modules being indivisible, and takes longer to
+prepare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,11 +25,11 @@ from heronry_manager.planner.placing import Choice, weighted
 from heronry_manager.planner.solver import light_solver
 from heronry_manager.planner.wiring import Wiring
 
-PACKING_EFFORT: Final = 0.03  # where a packing is to be had, it is found in less
+PACKING_EFFORT: Final = 0.03  # deterministic seconds; where a packing exists, it is found in less
 _CHOOSING_EFFORT: Final = 0.1
 
 Chosen = Mapping[tuple[str, str], bool]
-"""Module and mode -> whether it runs in it."""
+"""Module and mode -> whether the module runs in the mode."""
 
 
 class Choosing(Choice):
@@ -44,7 +46,7 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find the most that the merged levels can be; then only choices that are worth so much are left."""
+        """Find the most that the merged levels can be; afterwards the model has only choices of that value."""
         self._model.maximize(self._worth)
         solver = self._solved()
         if solver is None:
@@ -74,7 +76,7 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """Say of PEs that they have room for what can run nowhere else: of all, and of the hosts of each mode."""
+        """State that PEs have room for what can run nowhere else: all PEs together, and the hosts of each mode."""
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)
         hosts = {frozenset(pes) for candidate in modules.values() for pes in candidate.hosts.values()}

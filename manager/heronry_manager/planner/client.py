@@ -1,11 +1,11 @@
-"""The manager's end of the planner's process: start it, ask it, hear from it, start it anew.
+"""The manager's end of the planner's process: start it, send requests, read answers, start it anew.
 
 At most one request is inside the process; further ones wait here in their order, so that a write never meets a full
 pipe. Nothing here blocks but `wait_until_ready`, `ask` and `close`. An event loop watches `fileno()` for reading, which
 stays the same for the life of the client, and calls `poll()` when there is something to read.
 
-Every request gets exactly one answer: `Planned` or `Failed`. What was asked of a process that ended has failed, and the
-next request starts another one. What was asked before `cancel()` is not answered at all: its asker has gone on.
+Every request gets exactly one answer: `Planned` or `Failed`. A request to a process that ended has failed, and the next
+request starts another process. Requests made before `cancel()` get no answer: the caller no longer needs it.
 """
 
 import os
@@ -45,7 +45,7 @@ class PlannerError(HeronryError):
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """The answer to a request: a plan that the judge has accepted."""
+    """The answer to a request: a plan that the verifier has accepted."""
 
     request: int
     plan: Plan
@@ -53,7 +53,7 @@ class Planned:
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """No plan, and why."""
+    """The request gave no plan; `reason` says why."""
 
     request: int
     reason: str
@@ -65,7 +65,7 @@ class PlannerClient:
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
         """Start the process. `file` is what `spec` was loaded from; raises PlannerError where it has changed since.
 
-        niceness: 0..19; how far the process stands back behind others on a busy computer.
+        niceness: 0..19; priority of the process on a busy computer, as in nice(2).
         """
         data = file.read_bytes()
         if sha256(data).hexdigest() != spec.digest:
@@ -76,7 +76,7 @@ class PlannerClient:
         self._file = _in_memory(data)
         self._selector = DefaultSelector()
         self._waiting: deque[Request] = deque()
-        self._inside: Request | None = None  # what the process is at
+        self._inside: Request | None = None  # the request that the process works on
         self._unread = b""
         self._process: _Process | None = None
         self._start()
@@ -104,7 +104,7 @@ class PlannerClient:
         self._send_next()
 
     def poll(self) -> list[Planned | Failed]:
-        """Take what has been answered, without waiting."""
+        """Return the answers that have arrived, without waiting."""
         found: list[Planned | Failed] = []
         while self._process is not None and self._selector.select(timeout=0):
             chunk = os.read(self._process.answers.fileno(), _CHUNK)
@@ -117,7 +117,7 @@ class PlannerClient:
         return found
 
     def cancel(self) -> None:
-        """Forget all requests, and end what is being searched by starting the process anew."""
+        """Forget all requests, and end the search in progress by starting the process anew."""
         self._waiting.clear()
         if self._inside is not None:
             self._stop(kill=True)
@@ -132,7 +132,7 @@ class PlannerClient:
             self.poll()
 
     def ask(self, now: Situation, running: Placement | None = None) -> Plan:
-        """Plan and block until the plan is there, with nothing else asked meanwhile; raises PlannerError."""
+        """Plan and block until the plan is there, with no other request under way; raises PlannerError."""
         if self._inside is not None or self._waiting:
             raise PlannerError("a request is under way: take its answer from poll, or cancel it")
         self.request(0, now, running)
@@ -175,7 +175,7 @@ class PlannerClient:
         self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
-        """Do without the process; the next request starts another one."""
+        """Give up the process, failing its requests; the next request starts another one."""
         request = self._inside
         code = self._stop(kill=True)
         self._send_next()
@@ -185,7 +185,7 @@ class PlannerClient:
         try:
             answer = read_answer(line)
         except MessageError as error:
-            return self._ended(f"the planner's process said something else than an answer: {error}")
+            return self._ended(f"the planner's process wrote a line that is no answer: {error}")
         if isinstance(answer, Ready):
             self.ready = True
             return []
@@ -194,7 +194,7 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Make a plan of an answer: the process has valued and judged it."""
+        """Make a plan of an answer, which the process has valued and verified."""
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:
@@ -235,7 +235,7 @@ class _Process:
         self.answers = self._process.stdout
 
     def send(self, line: bytes) -> None:
-        """Write a request. A process that has ended is found out by whoever reads its answers."""
+        """Write a request. That a process has ended shows when its answers are read, not here."""
         with suppress(BrokenPipeError):
             self._requests.write(line)
             self._requests.flush()

@@ -1,22 +1,22 @@
 """Deadlines (semantics.md rule 9), stated in the model where a solution has missed one.
 
-Almost no message is ever late, so nothing is said in advance: what the solver finds is looked at, and what is late
-there is ruled out, in one of two ways.
+Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed, and what is late in
+it is ruled out, in one of two ways.
 
 *In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
 window: by then B + sum of ceil((t + 1) / T) x C over everything more urgent is at most t (all in bit times). Demand
 only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. One literal
 for each, and one of them must hold where the message is published. What comes over a gateway needs a moment on either
-bus, and both waits together must fit its deadline: one literal for each pair. That is said of a message once, and with
-it of every set of others; not where its deadline is so far away that there are too many moments. It is necessary, not
-enough: the jitter of the others and later instances of the message are left out.
+bus, and both waits together must fit its deadline: one literal for each pair. This is stated once for a message, and
+holds for every set of others; it is not stated where the deadline is so far away that there are too many moments. The
+condition is necessary, not sufficient: the jitter of the others and later instances of the message are left out.
 
-*Not together.* What is late all the same is met with a cut: these messages not all at once. The analysis names all that
-a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the smaller
-the set, the more plans its cut rules out. Leaving a message out makes no other one later, so what is late in a set is
-late in every larger one (a message that comes from farther away counts as larger, too: it brings more jitter).
+*Not together.* What is late all the same gets a cut: these messages must not all be published. The analysis names all
+that a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the
+smaller the set, the more plans its cut rules out. Leaving a message out makes no other one later, so what is late in a
+set is late in every larger one (a message that comes from farther away counts as larger, too: it brings more jitter).
 
-Neither takes away a legal plan.
+Neither way excludes a legal plan.
 """
 
 from collections.abc import Iterable, Iterator, Set
@@ -37,7 +37,7 @@ MOST_MOMENTS = 200  # a message of 1 Hz beside others of up to 100 Hz has about 
 
 
 class PlannerDefectError(RuntimeError):
-    """The planner has caught itself in an error of its own; the message says in which."""
+    """The planner has found a defect of its own; the message says which."""
 
 
 Demand = dict[MessageKey, int]
@@ -51,20 +51,20 @@ class _Room:
     most: int
 
     def holds(self, published: Set[MessageKey]) -> bool:
-        """Tell whether it does with these."""
+        """Tell whether the sum stays within `most` when these are published."""
         return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
 
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave: what goes before it by then, in bits, and what of that always does."""
+    """A moment at which a message could leave; what goes before it by then, in bits, and the part that always does."""
 
     end: int
     always: int
     demand: Demand
 
     def room(self) -> _Room:
-        """Say that the bus has been free by then."""
+        """Return the condition that the bus has been free by then."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -73,16 +73,16 @@ Way = tuple[_Room, ...]
 
 
 class Deadlines:
-    """What a model has been told of deadlines."""
+    """The deadlines that are stated in a model so far."""
 
     def __init__(self, model: CpModel, publishing: Publishing, times: ResponseTimes) -> None:
         self._model, self._publishing, self._times = model, publishing, times
         self._punctual: list[frozenset[Hop]] = []  # published together, these meet all deadlines
-        self._stated: set[Hop] = set()  # messages of which it was said when they leave in time
+        self._stated: set[Hop] = set()  # messages whose moments are stated in the model
         self._forbidden: set[frozenset[Hop]] = set()
 
     def are_met(self, published: frozenset[Hop]) -> bool:
-        """Tell whether these hops meet all deadlines; if not, the model does not allow them any more."""
+        """Tell whether these hops meet all deadlines; if not, forbid them in the model."""
         if any(published <= known for known in self._punctual):
             return True
         late = self._times.late(published)
@@ -100,7 +100,7 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Say when a message leaves in time; tells whether that rules out what is published."""
+        """State in the model when a message leaves in time; tell whether that rules out what is published."""
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -121,7 +121,7 @@ class Deadlines:
         return literal
 
     def _ways(self, hop: Hop) -> list[Way] | None:
-        """Give every way in which a message can be in time; None: they are too many."""
+        """Return every way in which a message can be in time; None: there are too many."""
         moments = self._moments(hop, self._least_jitter(hop))
         if moments is None:
             return None
@@ -136,7 +136,7 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Say that what goes before a message on two buses leaves it the time to cross them: in ns, rounded down."""
+        """Return the condition that a message has time to cross two buses beside more urgent ones: ns, rounded down."""
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
         for one, moment in ((before, first), (hop, then)):
@@ -146,7 +146,7 @@ class Deadlines:
         return _Room(demand, floor(left_ns))
 
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
-        """Give every moment at which a message could leave in time, the first one first; None: they are too many.
+        """Return every moment at which a message could leave in time, the earliest first; None: there are too many.
 
         jitter: bit times of its bus that the message may have taken to come there.
         """
@@ -169,7 +169,7 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Jitter that a message brings from the bus before, at least: were it alone there."""
+        """Least jitter that a message brings from the bus before: the jitter it would have if it were alone there."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
@@ -177,7 +177,7 @@ class Deadlines:
         return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # it is rounded up
 
     def _forbid(self, late: Late) -> frozenset[Hop]:
-        """Cut off what makes a message late; a cut that did not hold would be found again for ever."""
+        """Forbid the set that makes a message late; raises PlannerDefectError where that set was forbidden before."""
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
             raise PlannerDefectError(
@@ -198,7 +198,7 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
 
 
 def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
-    """Leave out source after source, the least urgent first, as long as the message stays late."""
+    """Shrink a late set: leave out source after source, the least urgent first, as long as the message stays late."""
     kept = late.causes
     urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in kept}
     sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(kept, key=lambda hop: -urgency[hop]))

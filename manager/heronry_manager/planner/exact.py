@@ -1,10 +1,10 @@
 """The exact planner: the best legal configuration of semantics.md, proven level by level.
 
 It starts from the greedy plan, and builds one model. Each group of levels is maximised, then fixed: later groups may
-not fall below it. Every solution is looked at before it counts: one that misses a deadline (rule 9) is ruled out and
-the same group solved again, so a value is fixed only when a legal configuration has it. A level that already stands at
-its bound costs no search: as a rule the greedy plan serves all that can be served. Where it does not, what is served
-is chosen first and packed then (`choosing`); everything is searched only where that leaves a gap.
+not fall below it. Every solution is analysed before it counts: one that misses a deadline (semantics rule 9) is ruled
+out and the same group solved again, so a value is fixed only when a legal configuration has it. A level that already
+stands at its bound costs no search: as a rule the greedy plan serves all that can be served. Where it does not, what is
+served is chosen first and packed then (`choosing`); everything is searched only where that leaves a gap.
 
 Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
 runs out, the best configuration found so far is returned, and the plan says of each level whether it is proven, or how
@@ -58,7 +58,7 @@ class Planner:
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())
 
     def solved(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Do the same, and give what was found as it is, with no plan made of it."""
+        """Plan in the same way, and return the configuration as the search gave it, without a `Plan`."""
         search = self._search(now, running, effort)
         search.run()
         return search
@@ -114,7 +114,7 @@ class Search:
 
     @property
     def proven(self) -> bool:
-        """Tell whether `best` is proven to be the best, as far as `run` was to look."""
+        """Tell whether `best` is proven to be the best in the levels that `run` was to solve."""
         return self._is_at_bound(self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
@@ -132,7 +132,7 @@ class Search:
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
-        """Give what each integer of the key cannot exceed, with those before it no worse than they are."""
+        """Return an upper bound for each integer of the key, with those before it no worse than they are."""
         levels = {level.position: level for group in self._groups for level in group}
         return tuple(
             self._bounds[position] + levels[position].offset if position in levels else value
@@ -165,7 +165,7 @@ class Search:
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
         """Search the best of a group of levels until what is found meets its deadlines, as far as the effort goes."""
         while self._effort > 0 and not self._is_at_bound(group):
-            solver = set_up(self._effort / 2)  # half of what is left: later levels want their share
+            solver = set_up(self._effort / 2)  # half of what is left: later levels need their share
             self._hint(self._values)
             in_time = self._look(solver)
             if in_time is None:
@@ -175,7 +175,7 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Bound a group of levels by what can be chosen, and find places for that if it is quick."""
+        """Bound a group of levels by what can be chosen, and find places for the chosen modules if that is quick."""
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:
@@ -198,7 +198,7 @@ class Search:
                 return
 
     def _look(self, solver: CpSolver) -> bool | None:
-        """Search once: tells whether what was found meets its deadlines, and counts; None: nothing was found."""
+        """Search once; tell whether the solution meets its deadlines and was taken; None: there was no solution."""
         status = solver.solve(self._model)
         self._effort -= solver.response_proto.deterministic_time
         if status not in (OPTIMAL, FEASIBLE):

@@ -1,8 +1,8 @@
 """Why a function is not served although it could run: because it never fits, or because others came first.
 
-`heronry_dg.why_not` finds causes that follow from faults alone. Where there is none, a smaller question is asked: with
-this function as the only one that is wanted, can it be served? Deadlines are judged with the identifiers of the whole
-spec, since those are what is on the bus.
+`heronry_dg.why_not` finds causes that follow from faults alone. Where there is none, a smaller problem is solved: can
+the function be served when it is the only wanted one? Deadlines are analysed with the identifiers of the whole spec,
+since those are used on the bus.
 """
 
 from dataclasses import replace

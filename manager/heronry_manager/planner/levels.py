@@ -27,7 +27,7 @@ _SAFE = 2**62
 
 
 class Kind(Enum):
-    """What a level asks of the solver."""
+    """What kind of problem a level is for the solver."""
 
     SERVING = auto()
     SUPPLYING = auto()
@@ -72,7 +72,7 @@ def level_groups(
 
 
 def serving_levels(choice: Choice) -> list[Level]:
-    """Levels 1 and 2; they ask nothing of where modules run."""
+    """Levels 1 and 2; they do not depend on where modules run."""
     return [*_critical(choice), _utility(choice)]
 
 

@@ -1,4 +1,4 @@
-"""What the planner's process and its client say to each other: one JSON object a line, in both directions.
+"""Messages between the planner's process and its client: one JSON object a line, in both directions.
 
     request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
                "running": {"autopilot": ["full", "nav"]}}            running: null where nothing is known to run
@@ -24,7 +24,7 @@ from heronry_dg.situation import Situation, UnknownElementError, checked_element
 
 
 class MessageError(ValueError):
-    """A line that is not what this protocol says."""
+    """A line that does not follow this protocol."""
 
 
 @dataclass(frozen=True, slots=True)

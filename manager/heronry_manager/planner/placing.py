@@ -1,4 +1,4 @@
-"""Who runs, in which mode, where: the first variables of the model and the rules over them alone.
+"""Which modules run, in which mode, where: the first variables of the model and the rules over them alone.
 
 One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these,
 and where such a sum has one term it *is* that term: no variable is made twice.
@@ -27,7 +27,7 @@ def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
 
 
 class Choice:
-    """The variables of who runs in which mode, in a model that it was given; who makes them says what that takes."""
+    """The variables of which modules run in which mode, in a given model; the subclass makes them."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Nothing is stated yet."""
@@ -68,7 +68,7 @@ class Choice:
 
 
 class Placing(Choice):
-    """The variables of who runs where, in a model that it was given."""
+    """The variables of which modules run where, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Make the variables and state their rules."""
@@ -107,8 +107,8 @@ class Placing(Choice):
     def count_parts(self) -> None:
         """State what follows of whole modules: no three larger than a third of a PE's CPU, no four than a fourth.
 
-        What is larger still counts as often as the part goes into it. Of two halves the solver knows by itself; none of
-        it follows from the linear relaxation, where half of a module fills what is left.
+        A larger module counts as often as the part goes into it. The solver finds the case of two halves by itself;
+        none of the others follows from the linear relaxation, where half of a module fills what is left.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():
@@ -151,7 +151,7 @@ class Placing(Choice):
                 self._model.add_at_most_one(self._here(group, pe))
 
     def _together(self) -> None:
-        """Give each group one PE, and let its modules run there alone."""
+        """State that the modules of each group run on one PE only."""
         for number, group in enumerate(self.possible.spec.together):
             homes = {pe: self._here(group, pe) for pe in self.possible.spec.pes}
             chosen = {pe: self._model.new_bool_var(f"together.{number}@{pe}") for pe, here in homes.items() if here}

@@ -7,7 +7,7 @@ other way round. Nothing in a plan gets better by publishing more, so the optimu
 
 Bandwidth depends on the rate of the producer's mode. Where its modes differ in rate, there is a literal per rate.
 
-Deadlines (rule 9) are no part of this: `heronry_manager.planner.deadlines` states them where they matter.
+Deadlines (semantics rule 9) are no part of this: `heronry_manager.planner.deadlines` states them where they matter.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,10 +26,10 @@ MessageKey = tuple[str, str, int, str]  # producer, variable, rate in mHz, bus
 
 
 class Publishing:
-    """The variables of what goes over which bus, in a model that it was given."""
+    """The variables of what goes over which bus, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates, placing: Placing, wiring: Wiring) -> None:
-        """Make the variables and state the bandwidth of each bus (rule 7)."""
+        """Make the variables and state the bandwidth of each bus (semantics rule 7)."""
         self.bandwidth: dict[str, Terms] = {bus: [] for bus in possible.left.bus_mbit_per_s}  # mbit/s
         self._model = model
         self._possible = possible
@@ -64,7 +64,7 @@ class Publishing:
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
 
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
-        """Ask for one of these literals wherever a hop is taken; one that comes from another bus counts as above."""
+        """Demand one of these literals wherever a hop is taken; one that comes from another bus counts as above."""
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
         for origin in [None] if there is None else there:

@@ -1,9 +1,10 @@
 """The safe mode of a phase: its critical functions, and nothing that moves without need.
 
-What a PE falls back to where nobody commands (`without_manager: safe_mode`) should be small and near what runs. So
-functions of class E are not wanted; one mode is as good as another; optional inputs count nothing. What is left of the
-objective is the critical classes and then, at once, the fewest changes against the phase's fault-free plan. Outputs of
-class E that feed what is critical would be kept for that reason; they stop, unless something critical needs them.
+The configuration to which a PE falls back without a manager (`without_manager: safe_mode`) should be small and near
+what runs. So functions of class E are not wanted; one mode is as good as another; optional inputs count nothing. What
+is left of the objective is the critical classes and then, next, the fewest changes against the phase's fault-free
+plan. Outputs of class E that feed what is critical would be kept for that reason; they stop, unless something critical
+needs them.
 """
 
 from collections.abc import Mapping

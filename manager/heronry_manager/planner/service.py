@@ -3,12 +3,12 @@
     python -m heronry_manager.planner.service FD
 
 FD is an open file that holds the spec. Requests come on standard input and are answered in their order on what was
-standard output; whatever else prints there goes to standard error. Every plan passes the judge before it is sent.
-Whatever goes wrong with a request is its answer; the process goes on.
+standard output; whatever else prints there goes to standard error. The verifier checks every plan before it is sent. An
+error in a request is its answer; the process goes on.
 
-Ends, without a word: when standard input closes, which it does when the client is gone, however it went, or when nobody
-is left to take an answer. A thread waits for that, so that a search in progress does not outlive its client. A request
-is cancelled by ending the process.
+The process ends without a message when standard input closes, which it does when the client has ended for any reason,
+or when an answer can no longer be written. A thread waits for that, so that a search in progress does not outlive its
+client. A request is cancelled by ending the process.
 """
 
 import os
@@ -86,7 +86,7 @@ def _send(answers: BinaryIO, message: Answer) -> None:
 
 
 def _end() -> NoReturn:
-    """The client is gone: nobody wants what is still being searched, or said."""
+    """End this process: the client is gone, and needs neither the search nor its answer."""
     os._exit(0)
 
 

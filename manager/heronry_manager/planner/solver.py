@@ -12,10 +12,11 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Give the ways to search everything for levels of a kind, short ones first: each takes an effort, its limit.
+    """Return the ways to search everything for levels of a kind, short ones first: each takes an effort, its limit.
 
-    What serves all that the linear relaxation says is possible is found soon. Where deadlines, hosts and CPU together
-    forbid some of it, the relaxation does not see that, and sets of inputs are looked for that cannot all be had.
+    A configuration that serves all that the linear relaxation allows is found soon. Where deadlines, hosts and CPU
+    together forbid some of it, the relaxation does not see that, and sets of inputs are looked for that cannot all be
+    had.
     """
     if kind is Kind.SERVING:
         yield lambda effort: light_solver(min(effort, _SHORT_EFFORT[kind]))

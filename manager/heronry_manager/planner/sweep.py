@@ -13,7 +13,7 @@ So a device on a dead PE, a PE behind a dead gateway and everything that a plan 
 exact in what plans are worth. Between plans worth the same at all seven levels it may choose another one than the
 planner would.
 
-`Sweep` asks nobody itself: `run` is given a function that answers questions, in any order, from a journal, in this
+`Sweep` does not plan by itself: `run` is given a function that answers questions, in any order, from a journal, in this
 process or in many. What comes out does not depend on the order, because the questions of one size do not depend on
 each other.
 """
@@ -87,13 +87,13 @@ Ask = Callable[[int, list[Question]], Iterable[Answer]]
 class Tally:
     """How the fault sets of a sweep were settled."""
 
-    asked: int = 0
+    searched: int = 0
     by_plan: int = 0
     by_twin: int = 0
 
     def pruned_share(self) -> float:
         """Share of all that needed no search."""
-        total = self.asked + self.by_plan + self.by_twin
+        total = self.searched + self.by_plan + self.by_twin
         return (self.by_plan + self.by_twin) / total if total else 0.0
 
 
@@ -101,7 +101,7 @@ class Sweep:
     """One sweep; `outcomes` and `tally` fill while it runs."""
 
     def __init__(self, spec: Spec, scope: Scope, *, prune: bool = True) -> None:
-        """Prepare a sweep; without pruning every set is asked about, which is for those who doubt the proof."""
+        """Prepare a sweep; without pruning every set is planned, as a check of the proof."""
         self.outcomes: dict[tuple[Phase, FaultSet], Outcome] = {}
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
@@ -123,7 +123,7 @@ class Sweep:
         return None if healthy is None else placement(healthy.configuration)
 
     def _open(self, size: int) -> tuple[list[Question], list[tuple[Phase, FaultSet, FaultSet]]]:
-        """Settle what can be; return what must be asked, and whose answers are those of another one."""
+        """Settle what can be; return the open questions, and the sets that share the answer of another set."""
         questions: list[Question] = []
         twins: list[tuple[Phase, FaultSet, FaultSet]] = []
         running = {phase: self.running(phase) for phase in self._scope.phases}
@@ -140,7 +140,7 @@ class Sweep:
                 rest = rest or what_is_left(left)
                 twin = self._twin(phase, down, rest) if self._prune else down
                 if twin is down:
-                    self.tally.asked += 1
+                    self.tally.searched += 1
                     questions.append(Question(phase, down, running[phase]))
                 else:
                     self.tally.by_twin += 1

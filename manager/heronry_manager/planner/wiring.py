@@ -28,10 +28,10 @@ Link = tuple[str, str, str]  # consumer, producer, variable
 
 
 class Wiring:
-    """The variables of who reads from whom, in a model that it was given."""
+    """The variables of which consumer reads from which producer, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
-        """Make the variables and state rules 2, 3 and 5."""
+        """Make the variables and state semantics rules 2, 3 and 5."""
         self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
         self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
         self._forced: set[tuple[str, str, str]] = set()  # inputs whose wire is the literal that demands it
@@ -108,16 +108,16 @@ class Wiring:
             self.links.setdefault((where[0], source.module, leaf.variable), []).append(literal)
 
     def _producers_run(self) -> None:
-        """Let every wire start at a module that runs in a mode that gives the version (rule 2).
+        """Let every wire start at a module that runs in a mode that gives the version (semantics rule 2).
 
-        A consumer reads one version of a variable from one producer, so the wires that ask the same of a producer add
-        up to at most one.
+        A consumer reads one version of a variable from one producer, so the wires for one variable of a producer add up
+        to at most one.
         """
-        asked: dict[tuple[str, Source, str], list[IntVar]] = {}
+        alike: dict[tuple[str, Source, str], list[IntVar]] = {}
         for (consumer, _, _), wires in self.wires.items():
             for source, leaf, literal in wires:
-                asked.setdefault((consumer, source, leaf.variable), []).append(literal)
-        for (consumer, source, _), literals in asked.items():
+                alike.setdefault((consumer, source, leaf.variable), []).append(literal)
+        for (consumer, source, _), literals in alike.items():
             if consumer != source.module:
                 giving = self._choice.in_modes(source.module, source.modes)
                 self._model.add(LinearExpr.sum(literals) <= LinearExpr.sum(giving))

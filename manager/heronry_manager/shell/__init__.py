@@ -1,1 +1,1 @@
-"""All of the manager that touches the world: the loop, the operator's socket, the journal on disk."""
+"""The part of the manager with input and output: the loop, the operator's socket, the journal on disk."""

@@ -11,7 +11,7 @@ PATIENCE_S = 5.0  # a manager answers within a turn of its loop; one that is sto
 
 
 def call(path: Path, order: Order) -> Answer:
-    """Give an order to the manager on a socket; raises ControlError where nobody answers."""
+    """Give an order to the manager on a socket; raises ControlError where no manager answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
@@ -27,12 +27,12 @@ def call(path: Path, order: Order) -> Answer:
         except OSError as error:
             raise ControlError(f"{path}: {error.strerror}") from error
     if answer is None:
-        raise ControlError(f"what answers on {path} is no manager of this version of heronry")
+        raise ControlError(f"the process that answers on {path} is no manager of this version of heronry")
     return answer
 
 
 def find_socket(spec_name: str | None) -> Path:
-    """Socket of the manager of a spec; of the only one there is, where none is named. Raises ControlError."""
+    """Socket of the manager of a spec; without a name, of the only manager that runs. Raises ControlError."""
     if spec_name is not None:
         return default_socket(spec_name)
     found = sorted(default_folder().glob("*.sock"))

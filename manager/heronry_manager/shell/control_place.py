@@ -2,7 +2,8 @@
 
     $XDG_RUNTIME_DIR/heronry/SPEC.sock, or /tmp/heronry-UID/SPEC.sock where there is no XDG_RUNTIME_DIR
 
-The folder is its owner's alone, and one that is not is refused: whoever can reach the socket commands the aircraft.
+Only its owner may enter the folder, and any other folder is refused: a process that can reach the socket commands the
+aircraft.
 """
 
 import os
@@ -16,7 +17,7 @@ _LONGEST_PATH_BYTES = 107  # of the address of a UNIX-domain socket on Linux: 10
 
 
 class ControlError(HeronryError):
-    """A manager cannot be talked to, or cannot listen; the message is one sentence with the remedy."""
+    """A manager cannot be called, or cannot listen; the message is one sentence with the remedy."""
 
 
 def default_folder() -> Path:
@@ -31,7 +32,7 @@ def default_socket(spec_name: str) -> Path:
 
 
 def owned_folder(folder: Path) -> Path:
-    """Make a folder that nobody else can enter, or check that it is one; raises ControlError."""
+    """Make a folder that only its owner can enter, or check that it is one; raises ControlError."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -39,7 +40,7 @@ def owned_folder(folder: Path) -> Path:
         raise ControlError(f"{error.filename or folder}: {error.strerror}; name a socket with --socket") from error
     private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
     if not private:
-        raise ControlError(f"{folder} can be written by others, or is not yours: name another socket with --socket")
+        raise ControlError(f"{folder} is not yours, or other users can write to it: name another socket with --socket")
     return folder
 
 

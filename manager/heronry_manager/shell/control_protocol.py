@@ -1,4 +1,4 @@
-"""What an operator's command and a running manager say to each other: one JSON object a line, in both directions.
+"""Messages between an operator's command and a running manager: one JSON object a line, in both directions.
 
     {"v": 1, "do": "status"}                        {"v": 1, "done": true, "sentence": "", "status": {...}}
     {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
@@ -6,7 +6,7 @@
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}
 
-Every request has one reply, in the order of the requests. A line that cannot be read is answered with why.
+Every request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
 """
 
 import json

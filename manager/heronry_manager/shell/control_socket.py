@@ -1,12 +1,12 @@
 """The operator's way in: a UNIX-domain socket of the running manager, read by the driver's loop. It blocks nowhere.
 
-A lock beside the socket says who listens: it is held for as long as the process lives and is let go of by the kernel
-however that ends. Who gets the lock takes the socket's place, whether one was left behind (SIGKILL) or not; who does
-not is the second manager, and is told so. The socket can be opened by its owner alone, and the kernel is asked who
-calls: the owner, or root.
+A lock beside the socket shows that a manager listens: the manager holds it as long as its process lives, and the kernel
+releases it however the process ends. A manager that gets the lock replaces the socket, be one left behind (SIGKILL) or
+not; a second manager does not get it, and stops with an error. Only its owner can open the socket, and the kernel tells
+the user of each caller: the owner, or root.
 
-A caller that says too much without a line break, or does not take its answer, is dropped; so is one more than
-MOST_CALLERS. Nobody else notices.
+A caller that sends too much without a line break, or does not read its answer, is dropped; so is one more than
+MOST_CALLERS. Other callers are not affected.
 """
 
 import contextlib
@@ -28,14 +28,14 @@ _CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERC
 
 
 class ControlSocket:
-    """Listens on a path."""
+    """A socket that listens on a path, with its callers."""
 
     def __init__(self, path: Path) -> None:
-        """Listen; raises ControlError where another manager does, or nobody can."""
+        """Listen; raises ControlError where another manager listens already, or the path cannot be used."""
         self.path = checked_length(path)
         self._lock = _locked(owned_folder(path.parent) / f"{path.name}.lock")
-        self._callers: dict[socket.socket, bytes] = {}  # and what they have said of the next line
-        self._asked: dict[int, socket.socket] = {}
+        self._callers: dict[socket.socket, bytes] = {}  # and what each has sent of its next line
+        self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -58,7 +58,7 @@ class ControlSocket:
         return [self._listener, *self._callers]
 
     def poll(self) -> list[OperatorSaid]:
-        """Take what has been said, without waiting; what cannot be understood is answered at once."""
+        """Return the orders that have arrived, without waiting; a line that is no order is answered immediately."""
         ready, _, _ = select.select(self.readers(), [], [], 0)
         said = []
         for one in ready:
@@ -69,8 +69,8 @@ class ControlSocket:
         return said
 
     def answer(self, reply: Reply) -> None:
-        """Answer an order; who has hung up is not there to hear it."""
-        caller = self._asked.pop(reply.number, None)
+        """Answer an order; the answer is lost where the caller has hung up."""
+        caller = self._awaiting_answer.pop(reply.number, None)
         if caller in self._callers:
             self._tell(caller, Answer(reply.done, reply.sentence, reply.status))
 
@@ -119,7 +119,7 @@ class ControlSocket:
             self._tell(caller, Answer(done=False, sentence=order))
             return None
         self._number += 1
-        self._asked[self._number] = caller
+        self._awaiting_answer[self._number] = caller
         return OperatorSaid(self._number, order)
 
     def _tell(self, caller: socket.socket, answer: Answer) -> None:
@@ -128,17 +128,17 @@ class ControlSocket:
             sent = caller.send(line)
         except OSError:
             sent = 0
-        if sent < len(line):  # it does not read what it is told
+        if sent < len(line):  # it does not read its answers
             self._drop(caller)
 
     def _drop(self, caller: socket.socket) -> None:
         if self._callers.pop(caller, None) is not None:
             caller.close()
-            self._asked = {number: one for number, one in self._asked.items() if one is not caller}
+            self._awaiting_answer = {number: one for number, one in self._awaiting_answer.items() if one is not caller}
 
 
 def _locked(file: Path) -> IO[str]:
-    """Take the lock and keep it for as long as the file is open; raises ControlError where somebody has it."""
+    """Take the lock and keep it for as long as the file is open; raises ControlError where another process holds it."""
     try:
         lock = file.open("a+")
     except OSError as error:

@@ -1,15 +1,16 @@
 """The manager's thin shell: one bus, the processes that plan, one operator's socket, one select loop.
 
-Order of a turn: everything that has arrived (frames, answers of the planner, the operator's words) goes into the core
-before a deadline may pass, so that what this process slept through is not taken for silence of the others. Time is
-CLOCK_MONOTONIC.
+Order of a turn: everything that has arrived (frames, answers of the planner, the operator's orders) goes into the core
+before a deadline may pass, so that a time in which this process did not run is not taken for silence of the other
+nodes. Time is CLOCK_MONOTONIC.
 
-While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that is deaf must not
-take that for the silence of all PEs. It goes on where it was, with its term and what the operator told it: PEs that did
-so too are as it knew them, one that was restarted says so, and a manager that took over has a higher term.
+While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that cannot receive
+must not take that for the silence of all PEs. Afterwards it goes on where it was, with its term and the operator's
+orders. PEs that went on too are as it knew them, a PE that was restarted says so, and a manager that took over
+meanwhile has a higher term.
 
 Ends: when the core says Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends because
-whoever started the manager is gone.
+the process that started the manager is gone.
 """
 
 import os
@@ -72,13 +73,13 @@ class ManagerDriver:
         service: ServiceManager,
         emit: Emitter,
     ) -> None:
-        """`emit` gets every event of the stream as it happens; without a journal nothing is kept."""
+        """`emit` is called with every event as it happens; without a journal nothing survives a restart."""
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._emit, self._service, self._journal = emit, service, journal
         self._journal_problem: str | None = None
-        self._stood_still_ns = 0  # so far is the core's clock behind
-        self._frozen_ns: int | None = None  # what it says while the bus is lost
-        self._lost_channels: frozenset[int] = frozenset()  # as the core was told
+        self._stood_still_ns = 0  # by which the core's clock is behind
+        self._frozen_ns: int | None = None  # what it sends while the bus is lost
+        self._lost_channels: frozenset[int] = frozenset()  # as the core knows it
         self._said: deque[Frame] = deque()  # ALIVEs that are on the bus, and the core does not know it yet
         self._link.on_departure = self._departed
         self._stop_reason: str | None = None
@@ -89,7 +90,7 @@ class ManagerDriver:
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> str | None:
-        """Reign until stopped; gives the reason when the core stopped by itself."""
+        """Run the manager until it is stopped; returns the reason when the core stopped by itself."""
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
@@ -111,7 +112,7 @@ class ManagerDriver:
         return self._stop_reason
 
     def _look_after_journal(self) -> None:
-        """Bring what was written to the disk once every frame is out; tell the core what becomes of it."""
+        """Sync the journal to the disk once every frame is out; tell the core of a problem, and of its end."""
         if self._journal is None:
             return
         if self._link.nothing_waits:
@@ -133,7 +134,7 @@ class ManagerDriver:
         return time.monotonic_ns() - self._stood_still_ns if self._frozen_ns is None else self._frozen_ns
 
     def _look_at_link(self) -> None:
-        """Tell what has befallen the bus; stop the core's clock while it is lost."""
+        """Tell the core the link status events of the bus; stop the core's clock while the bus is lost."""
         for sentence in self._link.take_link_events():
             self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
             self._service.status(sentence)
@@ -145,7 +146,7 @@ class ManagerDriver:
         if isinstance(self._link, ReplicatedLink):
             self._compare_channels(self._link.lost_channels(time.monotonic_ns()))
         if is_lost:
-            self._service.lives(time.monotonic_ns())  # it speaks again with the bus
+            self._service.lives(time.monotonic_ns())  # it sends again once the bus is back
 
     def _compare_channels(self, lost: frozenset[int]) -> None:
         if lost != self._lost_channels:
@@ -163,7 +164,7 @@ class ManagerDriver:
                 return
 
     def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
-        """A frame is on the bus; this may be in the middle of a step."""
+        """Note that a frame is on the bus; the link may call this in the middle of a step."""
         if frame.can_id == self._core.alive_id:
             self._said.append(frame)
 
@@ -171,7 +172,7 @@ class ManagerDriver:
         self._carry_out(self._core.step(self._now_ns(), happened))
 
     def _carry_out(self, actions: list[ManagerAction]) -> None:
-        """Do them in order; a plan that is there at once is news for the core only when all of them are done."""
+        """Carry out the actions in order; a plan that is there immediately goes to the core after all of them."""
         answers: list[ManagerEvent] = []
         for action in actions:
             match action:

@@ -9,9 +9,9 @@ bit that has changed on the disk, be it a line break, leaves one copy of every r
 ends the facts there, so that what is remembered is always something that was once true; the numbers (terms, blocks of
 epochs or counters) are taken from whatever line is whole, before the damage or behind it: they only rise.
 
-To reserve numbers that must never be used twice, say `Keep(Reserved(kind, last))` before the first frame that uses one
-of the block: it is fsynced before anything that comes after it in the same list of actions is sent. After a restart
-`memory.reserved[kind]` is the last number that may have been used.
+To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
+that uses one of the block: it is fsynced before anything that comes after it in the same list of actions is sent. After
+a restart `memory.reserved[kind]` is the last number that may have been used.
 
 When is what on disk?
 
@@ -20,12 +20,13 @@ When is what on disk?
                                which the driver calls when its frames are out
     the whole file             a draft is fsynced, takes the old one's place, and the folder is fsynced
 
-A disk that is full or read-only stops nobody: `problem` tells, the memory goes on without it, and every later write
-tries to put down all of it anew. Until it succeeds a restart may begin a term or a block a second time.
+A disk that is full or read-only does not stop the manager: `problem` tells of it, the memory goes on without the disk,
+and every later write tries to put down all of it anew. Until it succeeds a restart may begin a term or a block a second
+time.
 
-A journal belongs to one spec. Where the spec has changed the manager does not start until it is told to: then the
-numbers stay, and the facts, which speak of another aircraft, go. One manager at a time may write it: a lock beside it,
-which goes with the process, sees to that.
+A journal belongs to one spec. Where the spec has changed the manager starts only with `--changed-spec`: then the
+numbers stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write it: a
+lock beside it ensures that, and goes with the process.
 """
 
 import fcntl
@@ -97,7 +98,7 @@ class Journal:
     """The journal of one manager, open for writing; `memory` is what it holds, or would if the disk let it."""
 
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
-        """Open or begin it; raises JournalError."""
+        """Open the journal, or begin one; raises JournalError."""
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None
@@ -122,7 +123,7 @@ class Journal:
         self.close()
 
     def write(self, record: Record) -> None:
-        """Take a record; `problem` tells afterwards whether the disk has it."""
+        """Append a record; `problem` tells afterwards whether the disk has it."""
         self.memory = self.memory.after(record)
         if self.problem is not None or self._bytes > _LONGEST_BYTES:
             self._put_down()
@@ -138,7 +139,7 @@ class Journal:
             self._fail(error)
 
     def sync(self) -> None:
-        """Bring what was written to the disk itself."""
+        """Sync to the disk what was written."""
         if self._is_synced or self.problem is not None:
             return
         try:
@@ -148,7 +149,7 @@ class Journal:
             self._fail(error)
 
     def close(self) -> None:
-        """Write down the rest and let go of it."""
+        """Write what is left, and release the file and its lock."""
         self.sync()
         for descriptor in (self._stream, self._lock):
             if descriptor >= 0:
@@ -160,7 +161,7 @@ class Journal:
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError:
-            return  # `_put_down` will tell what is wrong with the folder
+            return  # `_put_down` reports what is wrong with the folder
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -188,7 +189,7 @@ class Journal:
         if digest is not None and not accept_changed_spec:
             raise JournalError(
                 f"spec {self._spec.name} has changed since {self.file} was begun (its digest was {digest[:12]}, and is "
-                f"{self._spec.digest[:12]}); fly the old one, or begin anew with this one: --changed-spec"
+                f"{self._spec.digest[:12]}); fly the old one, or begin anew with this one (--changed-spec)"
             )
         self.memory = self.memory.numbers()
 

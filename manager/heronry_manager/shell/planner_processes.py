@@ -1,7 +1,7 @@
-"""The planner's processes behind the planning policy: questions are carried to them, and their answers back.
+"""The planner's processes behind the planning policy: requests go to them, and their answers come back.
 
-The planner's own process is warm before the flight; the pre-planner is started with the first question ahead. What is
-asked of whom is for `heronry_manager.core.planning_policy` to decide.
+The planner's own process is warm before the flight; the pre-planner is started with the first background request.
+`heronry_manager.core.planning_policy` decides which process gets which request.
 """
 
 from collections.abc import Callable
@@ -23,14 +23,14 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, 
 from heronry_manager.planner.client import Failed, Planned
 
 
-class Asked(Protocol):
+class PlannerLink(Protocol):
     """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
         """Ask for a plan."""
 
     def poll(self) -> list[Planned | Failed]:
-        """Take what has been answered."""
+        """Return the answers that have arrived, without waiting."""
 
     def fileno(self) -> int:
         """Descriptor that is readable when `poll` has something to do."""
@@ -39,21 +39,23 @@ class Asked(Protocol):
 class PlannerProcesses:
     """The policy, the planner, and the pre-planner once there is one."""
 
-    def __init__(self, policy: PlanningPolicy, planner: Asked | None, start_pre_planner: Callable[[], Asked]) -> None:
+    def __init__(
+        self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
+    ) -> None:
         """`planner`: None where there is no solver, and the policy knows that; then no pre-planner is started."""
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
-        self._pre_planner: Asked | None = None
+        self._pre_planner: PlannerLink | None = None
 
-    def readers(self) -> list[Asked]:
+    def readers(self) -> list[PlannerLink]:
         """What an event loop watches: one of them is readable when `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
-        """Take what the core says; gives the answer to a question if it is there at once, else it comes from `poll`."""
+        """Pass on what the core says; returns an answer that is there immediately, any other one comes from `poll`."""
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:
-        """Take what has been answered to the core's questions; what was asked ahead stays with the policy."""
+        """Return the answers to the core's requests; answers to background requests stay with the policy."""
         ahead = [] if self._pre_planner is None else self._pre_planner.poll()
         answers = [] if self._planner is None else self._planner.poll()
         events: list[FromPlanner] = [
@@ -68,9 +70,9 @@ class PlannerProcesses:
             match instruction:
                 case Answer(answer):
                     answers.append(answer)
-                case AskPlanner(asked):
-                    assert self._planner is not None  # else the policy was told so
-                    self._planner.request(asked.request, asked.now, asked.running)
+                case AskPlanner(plan_request):
+                    assert self._planner is not None  # else the policy knows that there is none
+                    self._planner.request(plan_request.request, plan_request.now, plan_request.running)
                 case PrePlan(number, question):  # pragma: no branch - nothing else is left
                     self._pre_planner = self._pre_planner or self._start_pre_planner()
                     self._pre_planner.request(number, question.now, question.running)

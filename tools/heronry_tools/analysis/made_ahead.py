@@ -1,15 +1,16 @@
-"""Which plans made ahead an aircraft flies with: those of a file, those for every single fault, or none.
+"""The plans made ahead with which an aircraft flies: those of a file, those for every single fault, or none.
 
-The manager calls a contingency by its number, and a PE has its slice of it on board (rule 5): who compiles the tables
-and who starts a manager must mean the same plans. A file says which. Where none is named, both make those for every
-single fault, in the phases that the spec's `contingency` names. Same spec, same planner, same processor architecture:
-same plans, so the two may sit on different computers. Where they do come out differently, the digest in PREPARE is
-another one, the PE says that it has no such contingency, and gets its slice: nobody runs what was not meant.
+The manager calls a contingency by its number, and a PE has its slice of it on board (protocol rule 5): the tables and
+the manager must have the same plans. A file names them. Where none is named, tables and manager are given those for
+every single fault, in the phases that the spec's `contingency` names. Same spec, same planner, same processor
+architecture: same plans, so the two may sit on different computers. Where they do come out differently, the digest in
+PREPARE is another one, the PE answers that it has no such contingency, and gets its slice: no PE runs another
+configuration than the manager means.
 
 They are made once, when they are needed first, and kept in the user's cache under the digests of the spec and of the
-planner; so a manager that starts again in flight finds them. Nobody else makes them meanwhile (a lock), a killed run is
-gone on with (`contingency.journal`), a file is there whole or not at all, and one that is damaged is made anew. Where
-they cannot be made or kept, that is said, and nothing is planned ahead: it is no reason not to fly.
+planner; so a manager that starts again in flight finds them. Only one process makes them (a lock), the next run
+continues a killed one (`contingency.journal`), a file is written whole or not at all, and one that is damaged is made
+anew. Where they cannot be made or kept, a message tells so, and nothing is planned ahead: the system flies without.
 """
 
 import argparse
@@ -32,11 +33,11 @@ if TYPE_CHECKING:
 
 SINGLE_FAULTS_KEPT: Final = "those for every single fault, made when they are needed first, and kept"
 _FAULTS: Final = 1
-_QUESTIONS_FOR_A_CREW: Final = 100  # fewer are answered here before a crew of processes has come
+_QUESTIONS_FOR_A_CREW: Final = 100  # for fewer, this process is done before worker processes have started
 
 
 class Ahead(Enum):
-    """What is made ahead where no file says so."""
+    """What is made ahead where no file is named."""
 
     SINGLE_FAULTS = "the plans for every single fault"
     NOTHING = "none"
@@ -44,12 +45,12 @@ class Ahead(Enum):
 
 Source = Path | Ahead
 
-CARRIED = "of which what fits is put on board, and with which the manager must fly too"
-"""What the plans are for where tables are compiled."""
+CARRIED = "as many as fit go on board; the manager must be given the same"
+"""The help text on the plans' purpose, for commands that compile tables."""
 
 
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
-    """Add --contingencies: `what` the plans are for, and which are taken where nothing is said."""
+    """Add --contingencies; `what` the plans are for, and which are the default."""
     parser.add_argument(
         "--contingencies",
         type=_source,
@@ -66,10 +67,10 @@ def _source(text: str) -> Source:
 def contingencies_of(
     spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None
 ) -> "Contingencies | None":
-    """Plans made ahead for a spec, made now if need be; None where there are to be none, or can be none.
+    """Plans made ahead for a spec, made now if needed; None where none are wanted, or none can be made.
 
-    before_making: called before what may take minutes, to raise what can be known by then.
-    Raises ContingencyFileError for a file that is none of this spec, OSError for one that cannot be read.
+    before_making: called before the work of minutes; it may raise an error that is known by then.
+    Raises ContingencyFileError for a file that is not of this spec, OSError for one that cannot be read.
     """
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
 
@@ -100,12 +101,12 @@ def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Continge
 
 
 def _say(sentence: str) -> None:
-    with suppress(OSError):  # a full disk under the log is no reason not to fly
+    with suppress(OSError):  # with a full disk under the log the flight goes on
         print(f"heronry: {sentence}", file=sys.stderr)
 
 
 def _kept_in(spec: "Spec", solver: str) -> Path:
-    """Where the plans of a spec are, or would be: by all that they depend on."""
+    """File of the plans of a spec, named by all that they depend on."""
     digest = digest_of(f"{spec.digest} ortools {solver} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 

@@ -1,1 +1,1 @@
-"""The commands of `heronry`, one file each: arguments in, an exit code out; the work is done in the rooms below."""
+"""The commands of `heronry`, one file each: arguments in, an exit code out; other packages do the work."""

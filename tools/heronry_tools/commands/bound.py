@@ -1,4 +1,4 @@
-"""`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and what that is made of.
+"""`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and its summands.
 
 Exit codes: 0 every class has a bound; 1 one has none; 2 the input cannot be used.
 """
@@ -20,15 +20,14 @@ if TYPE_CHECKING:
     from heronry_manager.bounds.reconfiguration_bound import Bound, Case
     from heronry_tools.console.text_tables import Cell
 
-_EPILOG = """\
-The sum runs from the fault to the moment at which every PE on a wire does what the new plan wants; from the report on,
-where a module reports. Every single fault is planned, as the manager would plan it; each class shows its worst, for
-each bus on which PEs report, since heartbeats are a bus's own.
+_EPILOG = r"""\ The sum runs from the fault, or from the report of a module, to the moment at which every PE on a wire
+does what the new plan wants. Every single fault is planned, as the manager would plan it; each class shows its worst
+element, for each bus on which PEs report, since each bus has its own heartbeat period.
 
 detect, distribute and activate are bounds: from the same analysis of the buses as 'heronry bus', the slices of each
-plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and say nothing
-of how late an operating system runs a process. decide is measured, here and now, over all these plans: the planner has
-no deadline. What was planned ahead, as every single fault is, is looked up at once: --decide 0.1 stands for that.
+plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and leave out
+how late an operating system runs a process. decide is measured on this computer, over all these plans: the planner has
+no deadline. A plan made ahead, as for every single fault, is looked up in microseconds: --decide 0.1 stands for that.
 
 examples:
   heronry bound elevator_and_chute                every class of faults, with its worst element
@@ -49,7 +48,10 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument(
-        "--decide", type=_milliseconds, metavar="MS", help="take it that a plan takes so long, instead of measuring it"
+        "--decide",
+        type=_milliseconds,
+        metavar="MS",
+        help="time to make a plan, in milliseconds, instead of measuring it",
     )
     parser.add_argument("--json", action="store_true", help="write every element as JSON")
     parser.set_defaults(run=run)
@@ -57,7 +59,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Bound every fault; returns the exit code."""
-    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_manager.bounds.reconfiguration_bound import Bounds  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
 
@@ -78,12 +80,14 @@ def _milliseconds(text: str) -> int:
     """Read a time; argparse tells the name of this function to the user."""
     duration = float(text)
     if not 0 <= duration <= 3_600_000:
-        raise argparse.ArgumentTypeError(f"{text} is no time for a plan; write 0 to 3600000 milliseconds")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a planning time; write a number of milliseconds from 0 to 3600000"
+        )
     return round(duration * 1_000_000)
 
 
 def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
-    """Plan every case; gives them, and the longest time that a plan took."""
+    """Plan every case; returns the cases, and the longest time that a plan took, in ns."""
     from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 
@@ -109,7 +113,7 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
 
 
 def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
-    """The worst element of each class, by the bus on which it shows: heartbeats are a bus's own."""
+    """The worst element of each class, by the bus on which it shows: each bus has its own heartbeat period."""
     worst: dict[str, Bound] = {}
     for bound in (one for one in bounds if not one.is_hopeless):
         known = worst.get(_named(bound))

@@ -1,6 +1,6 @@
 """`heronry bus`: every message of a plan on every bus, with its worst-case response time.
 
-Exit codes: 0 every deadline is met and every budget kept; 1 not so; 2 the input cannot be used.
+Exit codes: 0 every deadline is met and every budget kept; 1 one is not; 2 the input cannot be used.
 """
 
 import argparse
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_dg.situation import Situation
 
-_EPILOG = """\
-Without --plan the best plan for the situation is looked at; with it the plan's own situation counts, as far as the
-options do not say otherwise. A plan that overloads a bus can be looked at, one whose wires lead nowhere cannot.
+_EPILOG = r"""\ Without --plan the command shows the best plan for the situation. With --plan it shows that plan, in the
+plan's own situation where no option gives another. A plan that overloads a bus can be shown; one whose wires lead
+nowhere cannot.
 
 examples:
   heronry bus big_blue                            all that is on its buses while everything works
@@ -39,7 +39,7 @@ def add_parsers(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
-    parser.add_argument("--plan", metavar="PLAN.json", help="the plan to look at (- for standard input)")
+    parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the buses; returns the exit code."""
-    from heronry_dg.bus_schedule import bus_schedules  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.bus_schedule import bus_schedules  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.buses import document, print_buses  # noqa: PLC0415
 
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _is_kept(schedule: "BusSchedule") -> bool:
-    """Tell whether what the plan puts on a bus fits, and comes in time."""
+    """Tell whether the messages of a bus fit its budget and meet their deadlines."""
     late = schedule.bus.kind == "wired" and any(m.slack_ns is None or m.slack_ns < 0 for m in schedule.messages)
     return schedule.data <= schedule.data_limit and not (late and schedule.is_up)
 
@@ -97,5 +97,5 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
         now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
-            raise UserError(f"{arguments.plan}: {violation}; what such a plan sends cannot be told")
+            raise UserError(f"{arguments.plan}: {violation}; the messages of such a plan are not defined")
     return now, configuration

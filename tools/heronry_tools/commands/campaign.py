@@ -12,9 +12,8 @@ from typing import Any
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
 from heronry_tools.console.errors import UserError
 
-_EPILOG = """\
-What is lost is what the best plan does not serve: because nothing can, or because what is left goes to something more
-important. Likelihoods come from the spec's rate_per_h, to first order.
+_EPILOG = r"""\ A function is lost when the best plan does not serve it: because no plan can, or because the remaining
+resources go to a more important function. Likelihoods come from the spec's rate_per_h, to first order.
 
 examples:
   heronry campaign elevator_and_chute                             what survives one fault, and two
@@ -63,11 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html is not None:
         expect_writable(arguments.html)
     required = [read_requirement(spec, text) for text in arguments.require]
-    asked = scope_of(spec, arguments)
-    scope = feasible(replace(asked, faults=max([asked.faults, *(one.faults for one in required)])))
+    named = scope_of(spec, arguments)
+    scope = feasible(replace(named, faults=max([named.faults, *(one.faults for one in required)])))
     for one in required:
         if one.phase is not None and one.phase not in scope.phases:
-            raise UserError(f"--require '{one.text}': phase {one.phase} is not looked at; add --phase {one.phase}")
+            raise UserError(f"--require '{one.text}': phase {one.phase} is not examined; add --phase {one.phase}")
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         outcomes = sweep(spec, scope, executor).outcomes
     surveys = survey(spec, scope, outcomes)

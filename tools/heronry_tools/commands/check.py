@@ -1,7 +1,7 @@
-"""`heronry check`: specs judged like code, for editors, hooks and CI.
+"""`heronry check`: checks specs as a linter checks code, for editors, hooks and CI.
 
-Exit codes: 0 no errors (warnings may be there), 1 errors, 2 the command line cannot be used, 3 a defect of ours. With
---strict a warning is an error.
+Exit codes: 0 no errors (warnings may be there), 1 errors, 2 the command line cannot be used, 3 a defect of heronry.
+With --strict a warning is an error.
 """
 
 import argparse
@@ -27,12 +27,12 @@ _EPILOG: Final = """\
 examples:
   heronry check                                  every *.dg.yaml below this folder
   heronry check --fast my.dg.yaml                without the families that solve: for editors and hooks
-  heronry check specs/ --strict                  warnings fail as well
-  heronry check specs/ --quiet                   errors alone; warnings are counted
+  heronry check specs/ --strict                  warnings fail, too
+  heronry check specs/ --quiet                   errors only; warnings are counted
   heronry check --select DG2,DG4 --ignore DG240  some families, but for one code
   heronry check --error DG401 my.dg.yaml         this warning is an error
   heronry check -o findings.sarif --output-format sarif
-  heronry rules                                  all codes; heronry explain DG203 tells of one
+  heronry rules                                  all codes; heronry explain DG203 explains one
 
 In a spec:  speed: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
 Above it:   # dg: error[DG401]
@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "check",
         help="find what is wrong with specs, before they fly",
-        description="Judge specs by every rule there is. Exit code 0: no errors; 1: errors; 2: wrong usage.",
+        description="Check specs against every rule. Exit code 0: no errors; 1: errors; 2: wrong usage.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -56,7 +56,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="all but these")
     parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="these warnings are errors")
     parser.add_argument("--strict", action="store_true", help="all warnings are errors")
-    parser.add_argument("-q", "--quiet", action="store_true", help="tell errors alone, and how many warnings there are")
+    parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
     parser.add_argument(
         "--output-format", choices=_FORMATS, help="default: github where GITHUB_ACTIONS is set, full elsewhere"
     )
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _a_short_life() -> Iterator[None]:
-    """Leave all garbage to the end of the process, and never look for it: that took a sixth of a fast check."""
+    """Switch the garbage collector off until the process ends: it took a sixth of the time of a fast check."""
     gc.disable()
     try:
         yield
@@ -104,7 +104,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _DefectError(Exception):
-    """A defect of ours: neither findings nor a UserError."""
+    """A defect of heronry: neither findings nor a UserError."""
 
 
 def _choice(arguments: argparse.Namespace) -> "Choice":
@@ -176,7 +176,7 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
 
 @contextmanager
 def _defects_of(what: str) -> Iterator[None]:
-    """Tell whatever goes wrong inside in one sentence."""
+    """Turn any exception inside into one sentence."""
     try:
         yield
     except HeronryError:
@@ -191,7 +191,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
-    """What the report tells of: everything, or errors alone."""
+    """The findings to report: all, or errors only."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

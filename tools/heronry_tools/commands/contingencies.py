@@ -1,6 +1,6 @@
 """`heronry contingencies`: the plan for every fault there could be, made ahead and kept in one file.
 
-Exit codes: 0 the file was written, or holds what it says; 1 it does not; 2 the input cannot be used.
+Exit codes: 0 the file was written, or every entry of it is correct; 1 an entry is not; 2 the input cannot be used.
 """
 
 import argparse
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_tools.analysis.campaign.sweeping import Written
 
-_EPILOG = """\
-Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan takes it that the
-phase's fault-free plan runs. A run that is stopped or killed leaves FILE.partial, and the same command goes on from it.
+_EPILOG = r"""\ Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan
+assumes that the phase's fault-free plan runs. A run that is stopped or killed leaves FILE.partial, and the same command
+continues from it.
 
 examples:
   heronry contingencies elevator_and_chute -o chute.contingencies
   heronry contingencies big_blue -o big_blue.contingencies --faults 1 --phase glide
   heronry contingencies big_blue -o big_blue.contingencies --kinds pe,bus --jobs 1
   heronry contingencies big_blue -o big_blue.contingencies --scheduler tcp://10.0.0.5:8786
-  heronry contingencies --check big_blue.contingencies big_blue      every entry before the judge
+  heronry contingencies --check big_blue.contingencies big_blue      verify every entry
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 """
 
@@ -31,7 +31,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry contingencies`."""
     parser = subparsers.add_parser(
         "contingencies",
-        help="plan ahead for every fault, into a file for the manager",
+        help="plan ahead for every fault, and write a file for the manager",
         description="Plan for every set of faults in every phase, and keep the plans in one file.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -39,7 +39,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
-    what.add_argument("--check", metavar="FILE", type=Path, help="judge every entry of a file instead")
+    what.add_argument("--check", metavar="FILE", type=Path, help="verify every entry of a file instead")
     add_scope_arguments(parser)
     parser.set_defaults(run=run)
 
@@ -73,14 +73,14 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
     print(f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, and safe modes")
     print(
-        f"{tally.asked} searched, {tally.pruned_share():.1%} pruned: "
-        f"{tally.by_plan} by a plan that lives on, {tally.by_twin} by a twin"
+        f"{tally.searched} searched, {tally.pruned_share():.1%} pruned: "
+        f"{tally.by_plan} by a plan that stays the best, {tally.by_twin} by a twin"
     )
     print(f"{len(made.configurations)} different configurations; {unproven} plans not proven to be the best")
     for one in on_board(spec, made):
         room = f"{len(one.block)} of {one.room} bytes"
         rest = len(made.configurations) - one.held
-        where = "" if rest == 0 else f"; the other {rest} stay with the manager"
+        where = "" if rest == 0 else f"; the manager keeps the other {rest}"
         print(f"pe {one.pe}: {one.held} configurations on board, {room}{where}")
 
 
@@ -96,5 +96,5 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
         print(sentence)
     if not wrong:
         entries = made.scope.set_count() * len(made.phases)
-        print(f"{entries} plans and {len(made.phases)} safe modes: every one is legal and worth what the file says")
+        print(f"{entries} plans and {len(made.phases)} safe modes: each is legal and worth what the file says")
     return 1 if wrong else 0

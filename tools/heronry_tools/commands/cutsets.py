@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from heronry_tools.analysis.campaign.cut_sets import CutSets
 
 _EPILOG = """\
-logical: the graph cannot serve the function without these, even with resources without end. resource-aware: the PEs and
-buses that are left cannot fit it; what is logical is not listed there again, except with --json. Neither depends on the
+logical: the graph cannot serve the function without these, even with unlimited resources. resource-aware: it does not
+fit on the PEs and buses that are left; logical sets are listed there again only with --json. Neither depends on the
 phase; both hold for every larger set as well. With --given-up also: sets after which the best plan of the phase leaves
 the function out for something more important, though it could be served; a larger set may bring it back.
 
@@ -44,7 +44,7 @@ def add_parsers(subparsers: Any) -> None:
         "--order", metavar="N", type=int, help="sets of up to N (default: the spec's contingency.faults)"
     )
     parser.add_argument("--kinds", metavar="KINDS", help="only elements of these kinds, as pe,bus (default: all)")
-    parser.add_argument("--given-up", action="store_true", help="what the best plan of a phase gives up, too")
+    parser.add_argument("--given-up", action="store_true", help="also list what the best plan of a phase gives up")
     parser.add_argument("--phase", metavar="NAME", help="that phase (default: the first one of the spec)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
     parser.add_argument("--json", action="store_true", help="write the result as JSON")

@@ -1,4 +1,4 @@
-"""`heronry demo`: the whole system, for real, with a story."""
+"""`heronry demo`: the whole system as real processes, with a story of events."""
 
 import argparse
 from pathlib import Path
@@ -16,13 +16,13 @@ examples:
   heronry demo elevator_and_chute --for 8 --record flight.log
   heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
   heronry demo --from 210 --for 40                    the landing
-  heronry demo --key fleet.key                        every command and every state is proven
+  heronry demo --key fleet.key                        every command and every state carries a proof
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
   heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
-  heronry demo --kill manager@5                       a second manager stands by, and takes over
+  heronry demo --kill manager@5                       a standby manager runs, and takes over
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 
-Times are in seconds after the first configuration runs. Ctrl-C ends it; nothing is left behind.
+Times are in seconds after the first configuration runs. Ctrl-C ends it; no process is left behind.
 """
 
 
@@ -64,14 +64,14 @@ def add_parsers(subparsers: Any) -> None:
         metavar="SECONDS",
         type=_seconds,
         default=0.0,
-        help="begin so long after take-off: at 90 the balloon is about to be cut, from 240 on it stands again",
+        help="begin so many seconds after take-off: at 90 the balloon is about to be cut, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     add_contingencies_argument(parser, "to fly with and to carry on board")
     parser.add_argument(
-        "--key", metavar="FILE", type=Path, help="what 'heronry key' made, for the manager and every PE"
+        "--key", metavar="FILE", type=Path, help="the key file from 'heronry key', for the manager and every PE"
     )
-    parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines, and no story")
+    parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines instead of the story")
     parser.add_argument(
         "--bus",
         metavar="NAME=[INTERFACE:]CHANNEL",
@@ -87,7 +87,9 @@ def _seconds(text: str) -> float:
     """Read a time; argparse tells the name of this function to the user."""
     seconds = float(text)
     if not 0 <= seconds <= LONGEST_SECONDS:
-        raise argparse.ArgumentTypeError(f"{text} is no time for a demo; write 0 to {LONGEST_SECONDS:.0f} seconds")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a time in the demo; write a number of seconds from 0 to {LONGEST_SECONDS:.0f}"
+        )
     return seconds
 
 

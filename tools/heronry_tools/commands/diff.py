@@ -1,15 +1,14 @@
 """`heronry diff`: what a change of a spec changes, in the graph and in consequence.
 
-Exit codes: 0 whatever changed; 2 the input cannot be used.
+Exit codes: 0 with any change, or none; 2 the input cannot be used.
 """
 
 import argparse
 import sys
 from typing import Any
 
-_EPILOG = """\
-A function hangs on an element (its single point of failure) if the loss of that element alone costs it. Critical
-functions, classes A to D, are looked at in each phase that wants them.
+_EPILOG = r"""\ A function depends on an element (its single point of failure) if the loss of that element alone loses
+the function. Critical functions, classes A to D, are examined in each phase that wants them.
 
 examples:
   heronry diff big_blue my.dg.yaml                          what is different, and what follows from it
@@ -28,7 +27,7 @@ def add_parsers(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("old", metavar="OLD", help="a *.dg.yaml file, or a shipped spec")
-    parser.add_argument("new", metavar="NEW", help="what it becomes")
+    parser.add_argument("new", metavar="NEW", help="the changed spec")
     parser.add_argument("--format", choices=("text", "json", "mermaid"), default="text", help="default: text")
     parser.set_defaults(run=run)
 

@@ -1,4 +1,4 @@
-"""`heronry doctor`: is this node fit to fly, and what to type where it is not.
+"""`heronry doctor`: whether this node is fit to fly, and which command helps where it is not.
 
 Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot be used.
 """
@@ -28,14 +28,14 @@ _INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
 examples:
   heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
-  heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether they are those of this spec
-  heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has its table alone
+  heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether the PEs are those of this spec
+  heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has only its table
   heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
-  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and who is on one of them only
+  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and the PEs that are on one of them only
   heronry doctor -i socketcan -c can0 --json | jq .findings
 
-It listens, and asks every PE that it hears by SDO which spec its table is of; it commands nothing. In flight leave that
-to the manager, which is the one client of SDO there.
+The command listens, and asks every PE that it hears by SDO for the spec of its table; it sends no commands. In flight
+leave that to the manager, which is the only SDO client there.
 """
 
 
@@ -45,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "doctor",
-        help="is this node fit to fly, and what to type where it is not",
+        help="check whether this node is fit to fly, and tell what to type where it is not",
         description="Check this computer, its CAN interface, and what is heard on the bus.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -53,7 +53,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a spec, or a PE's *.table: what should be there")
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="how long to listen (default 3)")
     parser.add_argument(
-        "--wait", type=float, default=0.0, metavar="S", help="look again until all is right, for up to S seconds"
+        "--wait", type=float, default=0.0, metavar="S", help="repeat until everything is right, for up to S seconds"
     )
     parser.add_argument("--json", action="store_true", help="write the findings as JSON")
     add_bus_arguments(parser, group_title="the bus")
@@ -61,7 +61,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Look at everything and report; returns 0, or 1 where something is not right."""
+    """Check everything and report; returns 0, or 1 where something is not right."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
 
     if not 0 < arguments.seconds <= 600:
@@ -118,7 +118,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     if len(buses) > 1:
         yield assess_channels(heard, expected)
     if digests is None:
-        yield Finding("tables", "no PE was asked for its spec: canopen is not installed", _INSTALL_CANOPEN)
+        yield Finding("tables", "the specs of the PEs are unknown: canopen is not installed", _INSTALL_CANOPEN)
     else:
         yield from assess_digests(digests, expected)
 
@@ -146,14 +146,14 @@ def _expected(text: str) -> "Expected":
 
 
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
-    """Listen to a bus, given by its channels: each frame once, and who is on which channel."""
+    """Listen to a bus, given by its channels: each frame once, and the nodes on each channel."""
     from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
     from heronry_wire.python_can import frame_of  # noqa: PLC0415
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
     merge = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS)
-    is_quiet = False  # several frames may have come at once, and wait where no descriptor tells
+    is_quiet = False  # several frames may have come together; python-can buffers them, where no descriptor shows them
     while (left_s := end_s - time.monotonic()) > 0:
         if is_quiet:
             select.select([opened.fileno for opened in buses.values()], [], [], min(left_s, 0.1))
@@ -172,10 +172,10 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
 
 
 def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
-    """Ask PEs which spec their tables are of, and close the bus.
+    """Ask PEs for the specs of their tables, and close the bus.
 
-    Gives a digest by node, None for a node that does not answer. Gives None where there are PEs to ask and canopen,
-    which a node can do without, is not installed.
+    Returns a digest by node, None for a node that does not answer; None alone where there are PEs to ask and canopen,
+    which is optional, is not installed.
     """
     if not nodes:
         return {}

@@ -29,7 +29,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the EDS; returns the exit code."""
-    from heronry_wire.eds import eds_text  # noqa: PLC0415 - as in every command: nothing before it is needed
+    from heronry_wire.eds import eds_text  # noqa: PLC0415 - as in every command: imported only when it runs
 
     if arguments.output is None:
         sys.stdout.write(eds_text())

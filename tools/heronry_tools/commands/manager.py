@@ -14,13 +14,13 @@ examples:
   heronry manager big_blue -i socketcan -c can0 --advise
   heronry manager twin.dg.yaml -i socketcan -c can0,can1           the manager's bus has 'channels: 2'
   heronry manager big_blue -i socketcan -c can0 --key fleet.key
-  heronry manager big_blue -i socketcan -c can0 --standby          the second one, node 127, on another computer
-  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first one, where there is a second
+  heronry manager big_blue -i socketcan -c can0 --standby          the standby manager, node 127, on another computer
+  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first manager, where there is a second
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
-It listens first: a bus with another manager on it is left alone, or with --standby followed. Where the spec has several
-buses, -c is the one that the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are
-honoured. 'heronry status', 'phase', 'fail' and 'clear' talk to it from the same computer.
+The manager listens first. If it hears another manager on the bus, it ends, or with --standby follows that manager.
+Where the spec has several buses, -c is the bus that the spec's 'manager: {bus: ...}' names. python-can's can.conf and
+CAN_* variables are honoured. 'heronry status', 'phase', 'fail' and 'clear' on the same computer give it orders.
 """
 
 
@@ -40,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="where its journal is kept (default: the user's state)"
+        "--state-dir", type=Path, metavar="DIR", help="the folder of its journal (default: in the user's state folder)"
     )
     parser.add_argument(
         "--changed-spec",
@@ -48,24 +48,24 @@ def add_parsers(subparsers: Any) -> None:
         help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
     )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: nobody without it commands, or is believed"
+        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key': frames without its proof are refused"
     )
     parser.add_argument(
         "--standby",
         action="store_true",
-        help="stand by while another manager reigns, and take over when the PEs hear none any more",
+        help="follow the active manager, and take over when the PEs hear it no more",
     )
     add_contingencies_argument(parser, "to fly with")
     parser.add_argument(
         "--advise",
         action="store_true",
-        help="say what it would do, and nothing on the bus: it may sit beside a manager",
+        help="tell what it would do, and send nothing: allowed on a bus with a manager",
     )
     parser.add_argument(
         "--socket",
         type=Path,
         metavar="PATH",
-        help="where it listens to 'heronry status' and the like (default: by SPEC)",
+        help="the socket for 'heronry status' and the other orders (default: by SPEC)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
@@ -74,7 +74,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
+    """Run the manager until it is stopped; returns 0, or 1 where it ended by itself."""
     from heronry_tools.runtime.manager_process import mastership  # noqa: PLC0415 - loads everything
 
     return mastership(arguments)

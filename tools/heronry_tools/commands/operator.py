@@ -1,4 +1,4 @@
-"""`heronry status`, `phase`, `fail`, `clear`, `unlock`: the operator's word to a manager that runs on this computer."""
+"""`heronry status`, `phase`, `fail`, `clear`, `unlock`: the operator's orders to a manager on this computer."""
 
 import argparse
 import json
@@ -8,42 +8,42 @@ from typing import Any
 
 _STATUS_EPILOG = """\
 examples:
-  heronry status                       how things stand, of the one manager that runs here
+  heronry status                       status of the system, from the one manager that runs here
   heronry status --json | jq .phase
   heronry status --of big_blue         where several managers run
 """
 _PHASE_EPILOG = """\
 examples:
-  heronry phase landing                other functions are wanted from now on: plan for them
+  heronry phase landing                the functions of this phase are wanted from now on: plan for them
 """
 _FAIL_EPILOG = """\
 examples:
-  heronry fail device:gps              it counts as failed, whatever it says
+  heronry fail device:gps              the GPS counts as failed, whatever is reported of it
   heronry fail pe:nav                  plan without it, until 'heronry clear pe:nav'
 """
 _CLEAR_EPILOG = """\
 examples:
-  heronry clear device:gps             a fault that was reported, or said with 'heronry fail', is over
-  heronry clear pe:nav                 it may come back now: its quarantine is over
+  heronry clear device:gps             a fault that was reported, or set with 'heronry fail', is over
+  heronry clear pe:nav                 the PE may come back now: its quarantine is over
 """
 _UNLOCK_EPILOG = """\
 examples:
-  heronry unlock pe:nav                CANopen tools may write on it for half a minute; see docs/canopen.md
+  heronry unlock pe:nav                CANopen tools may write to it for half a minute; see docs/canopen.md
 
-Only where manager and PEs have a key. Whoever can send on the bus can write then.
+Only where manager and PEs have a key. During that time any node on the bus can write to the PE.
 """
 
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parsers."""
-    status = _parser(subparsers, "status", "how things stand, as the manager knows it", _STATUS_EPILOG)
+    status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     status.add_argument("--json", action="store_true", help="print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
     phase.add_argument("what", metavar="NAME", help="a phase of the spec")
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
-        ("clear", "take an element for well again", _CLEAR_EPILOG),
-        ("unlock", "let CANopen tools write on a PE for a while", _UNLOCK_EPILOG),
+        ("clear", "count an element as working again", _CLEAR_EPILOG),
+        ("unlock", "let CANopen tools write to a PE for half a minute", _UNLOCK_EPILOG),
     ):
         parser = _parser(subparsers, name, sentence, epilog)
         parser.add_argument(
@@ -55,19 +55,21 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name,
         help=sentence,
-        description=f"{sentence[0].upper()}{sentence[1:]}: said to the manager that runs on this computer.",
+        description=f"{sentence[0].upper()}{sentence[1:]}: an order to the manager that runs on this computer.",
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--of", metavar="SPEC", help="name of the spec whose manager is meant (default: the only one)")
-    which.add_argument("--socket", type=Path, metavar="PATH", help="where that manager listens, if it was told to")
+    which.add_argument(
+        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
+    )
     parser.set_defaults(run=run, order=name)
     return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Say it; returns 0 if it is done, 1 if the manager refuses."""
+    """Give the order; returns 0 if it is carried out, 1 if the manager refuses."""
     from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, UnlockPe  # noqa: PLC0415
     from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415 - keeps `heronry plan` quick
     from heronry_tools.reports.status import report  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation, and judge any other one.
+"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation; verify any other.
 
 Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2 the input cannot be used.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _SITUATIONS = """\
 An element that can be down is pe:NAME, device:NAME, module:NAME, bus:NAME or channel:BUS.1 (of a replicated bus).
-What has shrunk is bus:NAME=40% or pe:NAME=50%: so much of its capacity is left.
+A reduced capacity is written bus:NAME=40% or pe:NAME=50%: so much of it is left.
 """
 
 _PLAN_EPILOG = f"""\
@@ -29,17 +29,17 @@ _PLAN_EPILOG = f"""\
 examples:
   heronry plan elevator_and_chute                            everything works
   heronry plan elevator_and_chute --down device:gps          ... but the GPS
-  heronry plan big_blue --down pe:nav --down bus:radio       a processor and the radio are gone
+  heronry plan big_blue --down pe:nav --down bus:radio       a computer and the radio are down
   heronry plan big_blue --limit bus:radio=40% --phase glide  a bad radio link, while gliding
   heronry plan big_blue --json >now.json                     the plan as JSON, to keep and to compare
   heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it,
-                                                             and the way there: who has to let go before who starts
+                                                             and the way there: which modules stop before which start
 """
 
 _VERIFY_EPILOG = f"""\
 {_SITUATIONS}
 PLAN is JSON as 'heronry plan --json' writes it; its "modules" suffice, so that a plan may come from any planner.
-The situation is the one that the plan names, as far as the options do not say otherwise.
+The situation is the one that the plan names, where no option gives another one.
 
 examples:
   heronry plan big_blue --json >plan.json
@@ -67,7 +67,7 @@ def add_parsers(subparsers: Any) -> None:
         "--planner",
         choices=("exact", "greedy"),
         default="exact",
-        help="exact: the best plan, with proof (default); greedy: a legal one at once, which flies until that is known",
+        help="exact: the best plan, with proof (default); greedy: a legal plan without a search",
     )
     plan.add_argument(
         "--effort",
@@ -80,13 +80,13 @@ def add_parsers(subparsers: Any) -> None:
 
     verify = subparsers.add_parser(
         "verify",
-        help="judge a plan: is it legal, and which rules does it break?",
-        description="Judge a plan by every rule there is, without a planner.",
+        help="verify a plan: is it legal, and which rules does it break?",
+        description="Verify a plan against every rule, without a planner.",
         epilog=_VERIFY_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_spec(verify)
-    verify.add_argument("plan", metavar="PLAN.json", help="the plan to judge (- for standard input)")
+    verify.add_argument("plan", metavar="PLAN.json", help="the plan to verify (- for standard input)")
     _add_situation(verify)
     verify.set_defaults(run=run_verify)
 
@@ -103,7 +103,7 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
 
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
-    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import; `--help` does not need it
     from heronry_dg.situation import situation  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.plan import print_plan  # noqa: PLC0415
@@ -131,7 +131,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 def _effort(text: str) -> float:
     effort = float(text)
     if not 0 <= effort < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is no limit; write a number from 0")
+        raise argparse.ArgumentTypeError(f"{text} is not a limit; write a number from 0")
     return effort
 
 
@@ -154,7 +154,7 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: f
 
 
 def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
-    """The way from what runs to a plan, as the judge accepts it."""
+    """The transition from what runs to a plan; the verifier accepts it."""
     from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
     from heronry_wire.sansio import require  # noqa: PLC0415
@@ -162,12 +162,12 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
     before, after = _as_known(spec, text), found.configuration
     way = transition(spec, before, after, now)
     refusals = verify_transition(spec, before, after, now, way)
-    require(not refusals, "the way to this plan is none that may be gone: {}", refusals)
+    require(not refusals, "the transition to this plan is not legal: {}", refusals)
     return way
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """What a plan says of what runs: with its wires where it tells them of every module."""
+    """What runs according to a plan: with its wires, where it has those of every module."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:
@@ -177,7 +177,7 @@ def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
 
 
 def run_verify(arguments: argparse.Namespace) -> int:
-    """Judge a plan; returns the exit code."""
+    """Verify a plan; returns the exit code."""
     from heronry_dg.plan import read_configuration  # noqa: PLC0415
     from heronry_dg.verify import verify  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415

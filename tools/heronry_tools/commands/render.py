@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 Squares are modules with a cell for each mode, circles are variables with the number of their versions, triangles are
-devices. Gates: k/n OR, XOR, AND, DEMUX. What cannot run is struck; what a plan runs and wires is bold.
+devices. Gates: k/n OR, XOR, AND, DEMUX. What cannot run is crossed out; what a plan runs and wires is bold.
 
 examples:
   heronry render elevator_and_chute -o graph.svg
@@ -40,7 +40,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--format", choices=("svg", "mermaid", "dot"), default="svg", help="default: svg")
     parser.add_argument("--function", metavar="NAME", help="only what may contribute to this function")
     parser.add_argument(
-        "--plan", metavar="PLAN.json", help="mark what a plan runs and wires; what is down in it is down (- for stdin)"
+        "--plan", metavar="PLAN.json", help="mark what a plan runs and wires, and what is down in it (- for stdin)"
     )
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
@@ -49,7 +49,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the graph; returns the exit code."""
-    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415 - `--help` needs none of it
+    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415 - `--help` does not need it
     from heronry_tools.reports.render.text import dot, mermaid  # noqa: PLC0415
 
     text = {"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments))

@@ -1,4 +1,4 @@
-"""`heronry rules`, `heronry explain` and `heronry schema`: what specs are held to, for people and for editors."""
+"""`heronry rules`, `heronry explain` and `heronry schema`: the rules of specs, for people and for editors."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ examples:
 def add_parsers(subparsers: Any) -> None:
     """Add the parsers of the three commands."""
     rules = subparsers.add_parser(
-        "rules", help="list all that heronry check looks for", description="List all rules of heronry check."
+        "rules", help="list all rules of heronry check", description="List all rules of heronry check."
     )
     form = rules.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="write the rules, examples included, as JSON")
@@ -26,7 +26,7 @@ def add_parsers(subparsers: Any) -> None:
     rules.set_defaults(run=run_rules)
 
     explain = subparsers.add_parser(
-        "explain", help="tell what a finding means, and how it is mended", description="Explain a code, as DG203."
+        "explain", help="explain a finding, and how to fix it", description="Explain a code, as DG203."
     )
     explain.add_argument("code", metavar="CODE", help="a code, or the name of its rule")
     explain.set_defaults(run=run_explain)

@@ -1,8 +1,8 @@
 """`heronry send-table`: give a PE that waits for it its table, over the bus.
 
-A PE with a key wants two things: to be unlocked, which the manager does when its operator says so, and a table that is
-sealed with the key. Both are done here, where the manager runs. UNLOCK may be lost, or may come before the PE believes
-the manager, and then the PE answers that it is locked: so both are tried again for a while.
+A PE with a key needs two things: an unlock, which the manager sends on the operator's order, and a table that is sealed
+with the key. This command does both, on the manager's computer. UNLOCK may be lost, or may come before the PE accepts
+the manager, and then the PE answers that it is locked; so both are repeated for a while.
 """
 
 import argparse
@@ -15,8 +15,8 @@ from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argumen
 
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
-_REMEDY = "it must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
-_CHUNK = 7000  # whole segments: the client can send no other but the last
+_REMEDY = "the PE must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
+_CHUNK = 7000  # whole segments: the client can send a shorter one only as the last
 _EPILOG = """\
 examples:
   pe-agent --node 92 -i socketcan -c can0                        on the PE: it waits
@@ -42,9 +42,14 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", help="name of the PE")
     add_contingencies_argument(parser, CARRIED)
-    parser.add_argument("--key", type=Path, metavar="FILE", help="what 'heronry key' made, where the PE has it too")
     parser.add_argument(
-        "--socket", type=Path, metavar="PATH", help="with --key: where the manager listens, if it was told to"
+        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key', where the PE has that key, too"
+    )
+    parser.add_argument(
+        "--socket",
+        type=Path,
+        metavar="PATH",
+        help="with --key: the manager's socket, where it was started with --socket",
     )
     add_bus_arguments(parser, group_title="a bus that the PE has as its uplink; of a replicated one, either channel")
     parser.set_defaults(run=run)
@@ -52,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Send the table; returns the exit code."""
-    import canopen  # noqa: F401, PLC0415 - where it is not installed, that is said before anything is planned
+    import canopen  # noqa: F401, PLC0415 - imported first, so that a missing package is reported before planning
 
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
@@ -87,7 +92,7 @@ def _unlock(socket: Path | None, spec: str, pe: str) -> None:
 
 
 def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
-    """Write a table, sealed or not, into a node; where it has to be unlocked, as often as that takes."""
+    """Write a table, sealed or not, into a node; unlock the node first, repeatedly, where it needs that."""
     import canopen  # noqa: PLC0415 - slow to import
     from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415
 

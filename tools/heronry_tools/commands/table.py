@@ -1,4 +1,4 @@
-"""`heronry table`: the table that a PE's agent is given."""
+"""`heronry table`: the table from which a PE's agent runs."""
 
 import argparse
 import sys
@@ -22,7 +22,7 @@ def add_parsers(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "table",
         help="compile the table that a PE's agent needs",
-        description="Compile what one PE needs to know of a spec: modules, modes, identifiers, ports.",
+        description="Compile what one PE needs of a spec: modules, modes, identifiers, ports.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,6 +1,6 @@
-"""`heronry why`: why a function is not served, or not as well as it could be, and what would mend it.
+"""`heronry why`: why a function is not served, or not as well as it could be, and what would repair it.
 
-Exit codes: 0 whatever the answer is; 2 the input cannot be used.
+Exit codes: 0 with any answer; 2 the input cannot be used.
 """
 
 import argparse
@@ -29,7 +29,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry why`."""
     parser = subparsers.add_parser(
         "why",
-        help="tell why a function is not served, and what would mend it",
+        help="tell why a function is not served, and what would repair it",
         description="Tell why a function is not served, or only in a worse mode, and the smallest repair.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -63,10 +63,10 @@ def _text(spec: "Spec", found: "Explanation") -> str:
     if found.reasons:
         lines += ["because, all at once:", *(f"  {in_words(spec, one)}" for one in found.reasons)]
     if found.repairs:
-        lines += ["mended by:" if len(found.repairs) == 1 else "mended by any one of these:"]
+        lines += ["repaired by:" if len(found.repairs) == 1 else "repaired by any one of these:"]
         lines += [f"  {_repair(spec, one)}" for one in found.repairs]
     elif found.reasons:
-        lines.append("no element that comes back, and no capacity, mends it")
+        lines.append("no returning element and no added capacity repairs it")
     return "\n".join(lines) + "\n"
 
 

@@ -1,1 +1,1 @@
-"""What every command shares: errors, progress, tables of text, files that are whole or absent, the SPEC argument."""
+"""What every command shares: errors, progress, tables of text, files written whole or not at all, arguments."""

@@ -17,7 +17,12 @@ _EXTRAS: Final = {
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")
 }
-_NO_MORE: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # a write fails so, and names no file
+_NO_MORE: Final = {
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EIO,
+}  # the error number of a failed write, which names no file
 
 
 class UserError(HeronryError):
@@ -25,10 +30,10 @@ class UserError(HeronryError):
 
 
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
-    """Run a program; whatever a user can mend becomes a sentence on stderr and 2, Ctrl-C 130, a closed pipe 141."""
+    """Run a program; an error that the user can fix gives a sentence on stderr and 2, Ctrl-C 130, a closed pipe 141."""
     try:
         code = program() or 0
-        sys.stdout.flush()  # here, where it can still be said that it fails
+        sys.stdout.flush()  # here, where a failure can still be reported
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -45,7 +50,7 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
 
 
 def _drop_output() -> None:
-    """Let nothing that could not be written be tried again when Python ends, which would complain in its own words."""
+    """Discard what could not be written; Python would try again when it ends, and print its own error."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -53,8 +58,8 @@ def _drop_output() -> None:
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
-    """Sentence for an error that a user can mend, met by a command; None for a defect of ours."""
-    can = sys.modules.get("can")  # slow to import; who has not imported it has none of its errors
+    """Sentence for an error that the user can fix, raised by `command`; None for a defect of heronry."""
+    can = sys.modules.get("can")  # slow to import; a process that has not imported it has none of its errors
     if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)
     if isinstance(error, ModuleNotFoundError):
@@ -62,11 +67,11 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     if isinstance(error, OSError) and error.errno in _NO_MORE:
-        return f"what this writes has no room: {error.strerror}; make some, or write elsewhere"
+        return f"the output cannot be written: {error.strerror}; make room, or write elsewhere"
     return None
 
 
 def _how_to_install(module: str, command: str | None) -> str | None:
-    """What a node does without comes with an extra; None where it does not."""
+    """How to install a module that an optional extra brings; None for any other module."""
     extra = _ENOUGH.get((module, str(command))) or _EXTRAS.get(module)
     return f'{module} is not installed; add it with: pip install "heronry[{extra}]"' if extra else None

@@ -9,14 +9,14 @@ def whole_number(text: str) -> int:
     try:
         number = int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is no whole number; write 0 or more") from None
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number; write 0 or more") from None
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
     return number
 
 
 def flights(text: str) -> int:
-    """Read how many flights to fly: none would find nothing wrong."""
+    """Read a number of flights, 1 or more."""
     number = whole_number(text)
     if number == 0:
         raise argparse.ArgumentTypeError("0 flights show nothing; write 1 or more")

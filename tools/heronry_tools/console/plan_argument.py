@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """Take the situation from the plan, and from the options what they say."""
+    """The situation of a plan; what the options name replaces what the plan says."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
 
@@ -30,7 +30,7 @@ def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Sit
 
 @contextmanager
 def errors_name(file: str | None) -> Iterator[None]:
-    """Let what is wrong with a plan name the file that it came from (`-`: standard input)."""
+    """Put the file's name (`-`: standard input) before the message of a plan's error."""
     from heronry_dg.plan import PlanError  # noqa: PLC0415
 
     try:
@@ -44,4 +44,4 @@ def read_text(file: str) -> str:
     try:
         return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so this is no plan") from error
+        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so the file is not a plan") from error

@@ -1,10 +1,10 @@
-"""Processes that fly or plan for this one, and how they end: all of them, at once and without a word.
+"""Worker processes that simulate or plan for this one; they end together, immediately and without output.
 
-Whoever wants an end tells this process: Ctrl-C, which a terminal says to all of them, or SIGTERM. Processes of ours
-take neither, from their first instruction on: signals are held back while they are started, and who is started then
-holds them back too. (A handler would come too late: there are seconds of imports before it.) They are killed, since
-they keep nothing that would have to be put in order, and end by themselves when this process is gone. They start afresh
-(spawn), since a solver that has threads must not be forked.
+Ctrl-C, which a terminal sends to all of them, and SIGTERM are for this process. The workers take neither signal, from
+their first instruction on: this process blocks the signals while it starts a worker, and the worker inherits that mask.
+(A handler would come too late: seconds of imports precede it.) The workers are killed, since they keep nothing that
+must be cleaned up, and they end by themselves when this process is gone. They start afresh (spawn), since a solver that
+has threads must not be forked.
 """
 
 import os
@@ -30,9 +30,9 @@ _TERMINATED = 128 + signal.SIGTERM
 
 @contextmanager
 def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[ProcessPoolExecutor]:
-    """Give so many processes, each of which begins so; raises UserError where one of them has died.
+    """Yield a pool of `jobs` processes that begin with `begin(beginning)`; raises UserError where one dies.
 
-    What is given to them first, which starts them, is given while signals are `held_back`.
+    The first task, which starts the workers, is submitted while signals are `held_back`.
     """
     others = {child.pid for child in active_children()}
     before = signal.signal(signal.SIGTERM, _terminate)
@@ -40,19 +40,19 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
         with ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, beginning)) as executor:
             try:
                 yield executor
-                executor.shutdown(cancel_futures=True)  # what nobody wants to know any more
+                executor.shutdown(cancel_futures=True)  # results that are no longer needed
             except BaseException:
                 _kill_all_but(others)
                 raise
     except BrokenProcessPool:
-        raise UserError("a process of this command has ended, or was ended; give the same command again") from None
+        raise UserError("a worker process of this command has ended or was killed; repeat the command") from None
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Hold back the signals that want an end, from whoever is started too; one that came is taken afterwards."""
+    """Block SIGINT and SIGTERM, also in processes started meanwhile; a signal that came is delivered afterwards."""
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in _ENDS}
     # This mask is inherited; a thread of a library may take a signal all the same.
@@ -67,14 +67,14 @@ def held_back() -> Iterator[None]:
             signal.raise_signal(came[0])
 
 
-def in_order(asked: deque[Future[R]]) -> Iterator[R]:
-    """Give the results of what was given to processes, in this order, and keep none of them.
+def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
+    """Yield the results of tasks given to worker processes, in this order, and keep none of them.
 
-    As `Executor.map` does, but what nobody waits for any more is not cancelled: where processes are killed as well, the
-    executor's thread ends with a traceback, since it cannot say so of what is cancelled (Python 3.11).
+    Like `Executor.map`, but results that are no longer needed are not cancelled: where the workers are killed as well,
+    the executor's thread would end with a traceback on a cancelled task (Python 3.11).
     """
-    while asked:
-        yield asked.popleft().result()
+    while tasks:
+        yield tasks.popleft().result()
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:

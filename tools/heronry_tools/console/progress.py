@@ -1,4 +1,4 @@
-"""How far long work has come, on standard error, where that is a terminal: one line that is written over."""
+"""Progress of long work on standard error, where that is a terminal: one line that is overwritten."""
 
 import sys
 import time
@@ -9,7 +9,7 @@ _EVERY_S: Final = 0.2
 
 
 class Progress:
-    """Counts up to a total; as a context manager it leaves an empty line behind."""
+    """Counts up to a total; as a context manager it clears its line at the end."""
 
     def __init__(self) -> None:
         self._shown_at = 0.0
@@ -28,13 +28,13 @@ class Progress:
             sys.stderr.flush()
 
     def begin(self, what: str, total: int) -> None:
-        """Begin a piece of work of so many steps."""
+        """Begin a piece of work of `total` steps."""
         self._what, self._done, self._total = what, 0, total
         self._begun_at = time.monotonic()
         self._show()
 
     def step(self, steps: int = 1) -> None:
-        """So many steps more are done."""
+        """Count steps that are done."""
         self._done += steps
         if self._visible and time.monotonic() - self._shown_at >= _EVERY_S:
             self._show()
@@ -48,13 +48,13 @@ class Progress:
 
 
 def show_line(text: str) -> None:
-    """Write one line that the next one replaces, for a terminal alone; an empty one clears it."""
+    """Write one line that the next one replaces, on a terminal only; an empty line clears it."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
-    """Say how far it is, and how long it will take at the pace so far."""
+    """Line with the steps done, and the time left at the pace so far."""
     line = f"{what}: {done} of {total}"
     if not done or done >= total:
         return line

@@ -27,7 +27,7 @@ def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = 
 
 def load_spec(text: str) -> "Spec":
     """Load what SPEC names; raises UserError or SpecError."""
-    from heronry_dg.loader import load  # noqa: PLC0415 - slow to import, and a node does without what it needs
+    from heronry_dg.loader import load  # noqa: PLC0415 - slow to import, and a node has no need of it
 
     return load(spec_path(text))
 
@@ -41,7 +41,7 @@ def spec_path(text: str) -> Path:
 
         return shipped_spec_path(text)
     if Path(text).exists():
-        raise UserError(f"{text}: its name does not end as that of a spec does; write a path to a *.dg.yaml")
+        raise UserError(f"{text}: the name of a spec ends in .dg.yaml; write a path to a *.dg.yaml")
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
     )

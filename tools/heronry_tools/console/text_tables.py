@@ -1,4 +1,4 @@
-"""Tables on paper: coloured on a terminal that can, plain text anywhere else.
+"""Tables as text: coloured on a terminal that can show colours, plain anywhere else.
 
 One description of the tables, two renderers. The plain one needs nothing installed, and its lines are for `grep` as
 well.
@@ -13,7 +13,7 @@ _BAR = 5  # characters; wide tables must fit narrow terminals
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A share of a capacity, and the two in words."""
+    """A share of a capacity as a bar, with a text."""
 
     share: float
     text: str
@@ -21,7 +21,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Bad:
-    """A cell that is no good news."""
+    """A cell with bad news, shown in red."""
 
     text: str
 
@@ -47,12 +47,12 @@ def print_tables(headline: str, tables: Sequence[Table]) -> None:
 
 
 def bar(used: int, capacity: int, text: str) -> Bar:
-    """Draw a share of a capacity; one of nothing is empty."""
+    """Draw a share of a capacity; a capacity of 0 gives an empty bar."""
     return Bar(used / capacity if capacity else 0.0, text)
 
 
 def _plain(table: Table) -> Iterator[str]:
-    """Aligned columns; the last one as long as it likes."""
+    """Aligned columns; the last one has no fixed width."""
     texts = [table.columns, *([_in_words(cell) for cell in row] for row in table.rows)]
     widths = [max(len(row[column]) for row in texts) for column in range(len(table.columns) - 1)]
     for row in texts:
@@ -71,7 +71,7 @@ def _in_words(cell: Cell) -> str:
 
 
 def _filled(share: float) -> int:
-    """Length of a bar: nothing only for nothing, full only for full."""
+    """Length of a bar: empty only for 0, full only for 1."""
     if share <= 0:
         return 0
     return min(_BAR if share >= 1 else _BAR - 1, max(1, round(share * _BAR)))

@@ -1,4 +1,4 @@
-"""What is made once and kept for the user: where it is, and the name that says of what it was made."""
+"""Results that are kept for the user: their folder, and names that identify what they were made from."""
 
 import hashlib
 import os
@@ -13,7 +13,7 @@ def user_cache(kind: str) -> Path:
 
 
 def digest_of(what: str, files: Iterable[tuple[str, Path]]) -> str:
-    """Name of what depends on a text and on the contents of files, each with its own name: 16 hexadecimal digits."""
+    """Digest of a text and of named files' contents: 16 hexadecimal digits."""
     digest = hashlib.sha256(what.encode())
     for name, file in files:
         digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())

@@ -1,7 +1,7 @@
-"""Files that are there whole or not at all.
+"""Files that are written whole or not at all.
 
-What takes minutes to make is written in one go when it is done, so whether it can be is asked before: a folder, or a
-device (a draft would take the place of it), is refused.
+A result that takes minutes is written in one go at the end, so whether it can be written is checked at the start: a
+folder, or a device (which a draft would replace), is refused.
 """
 
 import os
@@ -13,20 +13,20 @@ from heronry_tools.console.errors import UserError
 def expect_writable(file: Path) -> None:
     """Raise UserError where `write_whole` could not put a file."""
     if not file.parent.is_dir():
-        raise UserError(f"{file.parent} is no folder; make it first, or write elsewhere")
+        raise UserError(f"{file.parent} is not a folder; make it first, or write elsewhere")
     if file.exists() and not file.is_file():
-        raise UserError(f"{file} is {'a folder' if file.is_dir() else 'no ordinary file'}; name another file")
+        raise UserError(f"{file} is {'a folder' if file.is_dir() else 'not an ordinary file'}; name another file")
     if not os.access(file.parent, os.W_OK):
-        raise UserError(f"{file.parent} is a folder that you may not write in; name another file")
+        raise UserError(f"you may not write in the folder {file.parent}; name another file")
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file such that whoever reads it, even after a crash, finds all of it or what was there before.
+    """Write a file such that a reader, even after a crash, finds all of it or what was there before.
 
     Raises UserError where it cannot be written; then nothing of it is left behind.
     """
     expect_writable(file)
-    target = file.resolve()  # what a link leads to is written anew, and the link stays
+    target = file.resolve()  # the target of a link is replaced, and the link stays
     draft = target.with_name(f"{target.name}.new")
     try:
         with draft.open("wb") as stream:

@@ -1,1 +1,1 @@
-"""What people and other programs read: plans, buses, status and events in words; pictures; DBC files."""
+"""Output for people and for other programs: plans, buses, status and events as text; pictures; DBC files."""

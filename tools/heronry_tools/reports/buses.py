@@ -1,4 +1,4 @@
-"""What the buses carry, on paper: a line a message, with its worst case, and the totals of each bus."""
+"""The messages on the buses as text: one line a message, with its worst case, and the totals of each bus."""
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -18,7 +18,7 @@ def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) ->
 
 
 def document(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> dict[str, object]:
-    """Give the same as plain data; times in nanoseconds."""
+    """The same as plain data for JSON; times in nanoseconds."""
     return {
         "spec": spec.digest,
         "phase": now.phase,
@@ -52,7 +52,7 @@ def _totals(schedule: BusSchedule) -> Iterator[Sequence[Cell]]:
     if bus.kind == "wired":
         yield "blocking", f"{_ms(schedule.blocking_ns)}, by a frame of lower priority that has just started"
     else:
-        yield "", "response times are worked out for wired buses alone"
+        yield "", "response times are computed for wired buses only"
 
 
 def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:

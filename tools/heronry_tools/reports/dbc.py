@@ -2,10 +2,11 @@
 
 Data frames come out by variable and producer with their unit and CANaerospace header; management, state, EMCY,
 heartbeat and actuator echo by field. The fields are those of the tables the codecs use (`heronry_wire.management`,
-`heronry_wire.canaerospace`), so the DBC cannot say anything else than the codec does.
+`heronry_wire.canaerospace`), so the DBC cannot differ from the codec.
 
-What a DBC cannot say: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by the
-index), that a state frame is one of four pages (multiplexed by the page), or an echo one of two kinds (by the type).
+What a DBC cannot express: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by
+the index), that a state frame is one of four pages (multiplexed by the page), or an echo one of two kinds (by the
+type).
 """
 
 from collections import OrderedDict
@@ -134,7 +135,7 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
 
 
 def _links(spec: Spec | None) -> Iterator[Message]:
-    """Reports on radios: by name where a spec says which there are."""
+    """Reports on radios: by name where there is a spec."""
     if spec is None:
         for number in range(len(GATEWAY_IDS)):
             yield _message(link_id(number), f"LINK_{number}", LINK.length, list(_signals(LINK)), "")
@@ -171,7 +172,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """CANaerospace emergency event of a fault: what EMCY says, in CANaerospace's words."""
+    """CANaerospace emergency event of a fault: what EMCY says, as CANaerospace codes it."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)

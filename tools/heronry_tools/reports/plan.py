@@ -1,6 +1,6 @@
-"""A plan on paper: functions, PEs and buses, and the way to it from what runs.
+"""A plan as text: functions, PEs and buses, and the transition to it from what runs.
 
-Its lines are for `grep` as well: one function, one module of a PE and one bus a line.
+Its lines suit `grep`: one function, one module of a PE and one bus a line.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from heronry_wire.management import Step
 
 
 def print_plan(spec: Spec, plan: Plan, planner: str, way: Transition | None = None) -> None:
-    """Print a plan to standard output, with the name of its planner and the way to it from what runs."""
+    """Print a plan to standard output, with the name of its planner and the transition to it from what runs."""
     tables = list(_tables(spec, plan))
     print_tables(_headline(spec, plan, planner), tables if way is None else [*tables, _way(way)])
 
@@ -35,7 +35,7 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """Say of a plan that is not proven to be the best how good each level could be: a line, or nothing."""
+    """A line that says how good each level could be, for a plan that is not proven to be the best; else ""."""
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)

@@ -19,7 +19,7 @@ _STYLES: Mapping[Tone, str] = {
 
 
 def screen(spec: Spec) -> Callable[[Mapping[str, Any]], None]:
-    """Give what takes an event and shows its part of the story."""
+    """Return a function that shows an event's part of the story."""
     story, show = Story(spec), _printer()
 
     def tell(event: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
     yield from _troubles(status)
     yield from _pes(status["pes"])
     if status["manager"]["state"] == Mastership.STANDBY.value:
-        yield "what is served, the manager that reigns can tell"
+        yield "only the active manager knows which functions are served"
         return
     yield from _functions(status["functions"])
     yield from _buses(status["buses"])
@@ -24,32 +24,35 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
 def _head(status: Mapping[str, Any]) -> Iterator[str]:
     manager, phase = status["manager"], status["phase"]
     does = "only advises" if manager["advises"] else f"is {manager['state']}"
-    proof = "no key: whoever can send on the bus can command it" if manager["key"] is None else f"key {manager['key']}"
+    proof = "no key: any node on the bus can command the system" if manager["key"] is None else f"key {manager['key']}"
     yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
     unknown = status["unknown_epoch"]
     none = "no epoch yet" if unknown is None else f"epoch {unknown} runs, which this manager does not know"
     runs = none if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
-    work = "; a plan is awaited" if manager["planning"] else ""
+    work = "; a plan is being made" if manager["planning"] else ""
     preparing = f"; epoch {status['next']} is being prepared" if status["next"] is not None else ""
     yield f"{'no phases' if phase is None else f'phase {phase}'}; {runs}{work}{preparing}"
 
 
 def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     if status["manager"]["journal"] is not None:
-        yield f"! the journal cannot be kept: {status['manager']['journal']}"
+        yield f"! the journal cannot be written: {status['manager']['journal']}"
     for fault in status["latched"]:
         told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
-        yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+        yield (
+            f"! {fault['element']} counts as failed, reported by {fault['by']} "
+            f"({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+        )
     for bus, link in status["links"].items():
         if link["state"] == "gone":
-            yield f"! bus:{bus} is gone: nothing is heard from beyond"
+            yield f"! bus:{bus} is gone: no frame comes from beyond it"
         elif link["limit"] < 1000:
-            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of its frames come"
+            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of frames arrive"
     for channel, lacking in status["channels"].items():
         if lacking:
-            yield f"! channel:{channel} carries nothing, say {', '.join(lacking)}; its bus goes on with the other one"
+            yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
     for phase in status["unwatched"]:
-        yield f"! nobody watches for phase {phase}: no module that gives its variable runs"
+        yield f"! no running module gives the variable that requests phase {phase}"
 
 
 def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
@@ -63,12 +66,12 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _unproven(authentic: Mapping[str, Any] | None) -> str:
-    """What was not believed of a PE, and by it."""
+    """Frames of a PE that the manager refused, and frames that the PE refused."""
     if authentic is None:
         return ""
-    said = "" if authentic["is_believed"] else "; it is not believed"
+    said = "" if authentic["is_believed"] else "; its states carry no valid proof"
     states, commands = authentic["refused_states"], authentic["refused_commands"]
-    told = f"; {states} states of it refused" if states else ""
+    told = f"; {states} of its states were refused" if states else ""
     return f"{said}{told}" + (f"; it refused {commands} commands" if commands else "")
 
 

@@ -1,4 +1,4 @@
-"""The story: events in, sentences out.
+"""The story of a flight: events in, sentences out.
 
 A pure fold over the event stream, so the same story is told live, from a recorded stream, and in a test. A sentence
 has a tone (what colour it gets on a terminal) and no more layout than that.
@@ -18,33 +18,42 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
     "bus_trouble": ("{sentence}", "bad"),
     "commands_refused": (
-        "{pe} has refused commands: {unproven} whose tag did not fit, and {other} more",
+        "{pe} has refused commands: {unproven} with a wrong tag, and {other} others",
         "bad",
     ),
-    "states_unproven": ("{pe} is heard, but proves nothing: it has another key or none, or does not hear", "bad"),
-    "states_doubted": ("somebody else speaks as {pe}: {refused} of its states were refused", "bad"),
+    "states_unproven": (
+        "{pe} is heard, but without a valid proof: it has another key or none, or cannot receive",
+        "bad",
+    ),
+    "states_doubted": ("another node sends as {pe}: {refused} of its states were refused", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
-    "module_restarted": ("{element} failed and begins again on {by} ({times})", "fault"),
-    "fault_reported": ("{element} has failed, says {by}", "fault"),
-    "link_limited": ("the link {bus} has {share} of its bandwidth, says {by}", "fault"),
-    "link_gone": ("the link {bus} is gone, says {by}", "fault"),
-    "link_back": ("the link {bus} is back, says {by}", "plain"),
-    "channel_lost": ("channel {channel} carries nothing, says {by}; the bus goes on with the other one", "fault"),
-    "channel_back": ("channel {channel} is back, says {by}", "plain"),
-    "plan_failed": ("no plan: {reason}; what runs goes on", "bad"),
+    "module_restarted": ("{element} failed and is started again on {by} ({times})", "fault"),
+    "fault_reported": ("{element} has failed, reported by {by}", "fault"),
+    "link_limited": ("the link {bus} has {share} of its bandwidth, reported by {by}", "fault"),
+    "link_gone": ("the link {bus} is gone, reported by {by}", "fault"),
+    "link_back": ("the link {bus} is back, reported by {by}", "plain"),
+    "channel_lost": (
+        "channel {channel} carries nothing, reported by {by}; the bus works on the other channel",
+        "fault",
+    ),
+    "channel_back": ("channel {channel} is back, reported by {by}", "plain"),
+    "plan_failed": ("no plan: {reason}; the configuration stays as it is", "bad"),
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
-    "second_manager": ("manager {node} reigns too", "bad"),
-    "fault_cleared": ("{element} is taken for well again, says {by}", "good"),
-    "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
-    "journal_failed": ("the journal cannot be kept: {problem}", "bad"),
-    "journal_kept": ("the journal is kept again", "good"),
-    "standing_by": ("a manager stands by: it follows manager {node}, term {term}", "quiet"),
-    "refused": ("most PEs hear no manager, though one speaks: it begins a new term", "bad"),
-    "hears_nobody": ("a manager hears nobody any more: it says nothing until it does", "bad"),
-    "stepped_down": ("a manager steps down: manager {node} reigns with the higher term {term}", "plain"),
-    "adopted": ("epoch {epoch} runs already: it is adopted as it is", "good"),
-    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it advises nothing", "bad"),
+    "second_manager": ("manager {node} is active, too", "bad"),
+    "fault_cleared": ("{element} counts as working again, cleared by {by}", "good"),
+    "phase_changed": ("PHASE {phase} (was {before}), requested by {by}", "title"),
+    "journal_failed": ("the journal cannot be written: {problem}", "bad"),
+    "journal_kept": ("the journal is written again", "good"),
+    "standing_by": ("a standby manager follows manager {node}, term {term}", "quiet"),
+    "refused": ("most PEs do not hear the active manager: it begins a new term", "bad"),
+    "hears_nobody": ("a manager hears no node any more: it stops sending until it does", "bad"),
+    "stepped_down": (
+        "a manager gives up its mastership: manager {node} is active with the higher term {term}",
+        "plain",
+    ),
+    "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
+    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it gives no advice", "bad"),
 }
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
@@ -59,7 +68,7 @@ class Line:
 
 @dataclass(slots=True)
 class Story:
-    """Tells what the events mean; its clock starts when the first configuration runs, or is advised."""
+    """Turns events into sentences; its clock starts when the first configuration runs, or is advised."""
 
     spec: Spec
     _start_ns: int | None = None
@@ -71,7 +80,7 @@ class Story:
     _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
 
     def tell(self, event: Mapping[str, Any]) -> list[Line]:
-        """Lines for one event; none for what a reader need not know."""
+        """Lines for one event; none for events that do not concern the reader."""
         if self._start_ns is None and event["event"] in _STARTS:
             self._start_ns = event["t_ns"]
         lines = list(self._lines(event))
@@ -92,7 +101,7 @@ class Story:
                 silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
                 killed_ns = self._manager_killed_ns
                 after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
-                yield Line(f"THE STANDBY TAKES OVER{after}: term {event['term']}, after {silent}", "title")
+                yield Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
             case "pe_suspected" | "pe_answered" | "pe_lost":
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:
@@ -102,7 +111,7 @@ class Story:
             case "reconfigured":
                 yield from self._reconfigured(event)
             case "manager_started" if event.get("key") is None:
-                yield Line("no key: whoever can send on the bus can command it", "quiet")
+                yield Line("no key: any node on the bus can command the system", "quiet")
             case "advice":
                 yield Line(_advice(event))
             case "outage":
@@ -113,7 +122,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Know which plan runs, and which are on their way."""
+        """Note which plan runs, and which are on their way."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -127,11 +136,11 @@ class Story:
                 pass
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """Most suspects answer: a missed heartbeat is worth a word only when nothing comes of it."""
+        """A line for a suspected PE only once it is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
-            asked = "missed a heartbeat, was asked with PING, " if pe in self._suspects else ""
-            yield Line(f"{pe} is lost: {asked}{event['cause']}", "fault")
+            pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
+            yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
             self._suspects.add(pe)
@@ -140,7 +149,7 @@ class Story:
         what, pe = event["what"], event["pe"]
         if pe == "manager":
             self._manager_killed_ns, self._silences = event["t_ns"], 0
-            yield Line(f"KILL the manager (SIGKILL, process {event['pid']}); the PEs fly on by themselves", "title")
+            yield Line(f"KILL the manager (SIGKILL, process {event['pid']}); the PEs go on without it", "title")
             return
         if what == "killed":
             runs = [name for name, m in self._plan.get("modules", {}).items() if m["pe"] == pe]
@@ -173,7 +182,7 @@ class Story:
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """A gap is worth a line once it is over; one that has lasted is told before that."""
+        """A line for a gap when it is over; for a long one, also before that."""
         self._silences += 1
         criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
         name = f"{event['function']} (class {criticality})"

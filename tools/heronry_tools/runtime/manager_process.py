@@ -1,4 +1,4 @@
-"""From the arguments of `heronry manager` to a reign: bus, operator's socket, planner, term, core and driver."""
+"""From the arguments of `heronry manager` to a running manager: bus, operator's socket, planner, term, core, driver."""
 
 import argparse
 import os
@@ -35,11 +35,11 @@ from heronry_wire.key_file import read_key
 from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
-PRE_PLANNER_NICENESS = 10  # planning ahead may wait: PEs on the same computer, as in the demo, may not
+PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as in the demo, may not
 
 
 def mastership(arguments: argparse.Namespace) -> int:
-    """Run a manager; gives 0, or 1 where it had to end by itself."""
+    """Run a manager; returns 0, or 1 where it ended by itself."""
     spec = load_spec(arguments.spec)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
@@ -109,20 +109,20 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Node-ID: what was said, or the second one for whoever stands by."""
+    """Node-ID: the one that is given, else the first manager's, or the second's for a standby manager."""
     if arguments.node is not None:
         return int(arguments.node)
     return LAST_MANAGER if arguments.standby else FIRST_MANAGER
 
 
 def _has_solver() -> bool:
-    """Tell whether plans can be proven; it is said here, since the planner's process has nobody to say it to."""
+    """Tell whether plans can be proven, and tell the user where not: the planner's process has no terminal."""
     try:
         import_module("ortools")
     except ModuleNotFoundError:
         how = 'pip install "heronry[manager]"'
-        said = f"heronry: ortools is not installed, so the greedy planner flies alone; add it with: {how}"
-        with suppress(OSError):  # a full disk is no reason not to fly
+        said = f"heronry: ortools is not installed, so only the greedy planner is used; add it with: {how}"
+        with suppress(OSError):  # with a full disk the manager runs all the same
             print(said, file=sys.stderr)
         return False
     return True

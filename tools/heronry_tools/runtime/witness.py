@@ -1,11 +1,11 @@
-"""What a function really does, as seen on the bus: the witness for demo, simulator and tests.
+"""Whether functions are really served, as seen on the bus: the witness for demo, simulator and tests.
 
-It looks at frames alone, never at the manager's opinion. A function counts as served while its outputs are heard: the
-echoes of its actuators (each tells what an actuator was told), or for an output that drives no actuator the output
-frames of its module. Silence for longer than three periods of the slowest mode and a tenth of a second ends it. An
-echo from a node that does not have the actuator is nobody's.
+It reads frames alone, never the manager's own view. A function counts as served while its outputs are heard: the echoes
+of its actuators (each tells what an actuator was commanded to), or for an output that drives no actuator the output
+frames of its module. Silence for longer than three periods of the slowest mode and a tenth of a second ends it. An echo
+from a node that does not have the actuator is ignored.
 
-It also sees what must never be: two branches of one DEMUX driven in turn within that patience (`rivals`).
+It also detects a violation: two branches of one DEMUX driven in turn within that patience (`rivals`).
 """
 
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ _ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """One frame of an output: which module of which node drove its actuator, or ran."""
+    """One frame of an output: the module, and the node on which it drove its actuator or ran."""
 
     t_ns: int
     module: str
@@ -67,7 +67,7 @@ class Witness:
                 self._functions_of.setdefault(module, []).append(watched)
 
     def see(self, t_ns: int, frame: Frame) -> Output | None:
-        """Take a frame that ended at `t_ns`; gives the output it is, if it is one."""
+        """Take a frame that ended at `t_ns`; returns the output that it shows, if any."""
         node = _ECHO_NODES.get(frame.can_id)
         if node is None or frame.extended:
             return None
@@ -87,7 +87,7 @@ class Witness:
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:
-        """For how long a function may be quiet: whatever silenced it struck within that of what was heard last."""
+        """Longest silence of a served function, in ns; a longer one means that it has stopped."""
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:

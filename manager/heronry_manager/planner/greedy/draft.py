@@ -1,12 +1,13 @@
-"""A configuration in the making, and how to take anything back.
+"""A configuration in the making, in which every change can be undone.
 
-Who runs (in which mode, on which PE), which leaf is fed by whom, and what of every capacity is left: plain lists of
-integers, changed in place. Each change is written to a trail; `undo` goes back to a mark. So a try costs what it
-touches and nothing more.
+Which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every capacity:
+plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a mark. So a try costs
+what it touches and nothing more.
 
-What always holds: capacities, placement rules and DEMUX exclusion (rules 1, 4, 7, 8) of whatever runs; a wire joins a
-running producer in a mode that its leaf accepts to a running consumer (rule 2). Whether the needs of what runs are met
-(rule 3) is the business of whoever calls `start`, and rule 5 that of `sweep`.
+What always holds (rules are those of docs/semantics.md): capacities, placement rules and DEMUX exclusion (semantics
+rules 1, 4, 7, 8) of whatever runs; a wire joins a running producer in a mode that its leaf accepts to a running
+consumer (semantics rule 2). The caller of `start` sees to the needs of what runs (semantics rule 3), and `sweep` to
+semantics rule 5.
 """
 
 from collections.abc import Callable
@@ -56,7 +57,7 @@ class Draft:
     )
 
     def __init__(self, tables: Tables, scene: Scene, may_publish: MayPublish | None = None) -> None:
-        """Start from nothing. `may_publish` is asked before anything new is put on a bus."""
+        """Start from nothing. `may_publish` is called before anything new is put on a bus."""
         self.tables = tables
         self.may_publish = may_publish
         self.mode = [-1] * len(tables.numbers.modules)
@@ -69,8 +70,8 @@ class Draft:
         self.running = 0  # set of modules
         self.feeder = [-1] * len(tables.leaves.mode)  # module that feeds a leaf
         self.consumers: list[dict[int, None]] = [{} for _ in tables.numbers.modules]  # module -> leaves, in order
-        self.published: dict[Publication, int] = {}  # how many leaves want it there
-        self.refused = False  # a bus or a placement rule said no: another PE may do better
+        self.published: dict[Publication, int] = {}  # how many leaves read it there
+        self.refused = False  # a bus or a placement rule forbids it: another PE may do better
         self._trail: list[tuple[int, ...]] = []
         self._cpu_of, self._ram_of, self._flash_of = tables.sizes.cpu, tables.sizes.ram, tables.sizes.flash
         self._separate, self._together, self._rivals = tables.rules.separate, tables.rules.together, tables.rules.rivals
@@ -114,7 +115,7 @@ class Draft:
         return not self._rivals[module] & self.running
 
     def start(self, module: int, mode: int, pe: int) -> None:
-        """Let a module run where it `fits`, with nothing wired."""
+        """Start a module where it `fits`, with nothing wired."""
         self._enter(module, mode, pe)
         self._trail.append((_STARTED, module))
 
@@ -146,7 +147,7 @@ class Draft:
     # Wires
 
     def wire(self, leaf: int, consumer: int, producer: int) -> bool:
-        """Feed a leaf of a running module from another one that gives what it takes; False: a bus has no room."""
+        """Feed a leaf of a running module from another one whose mode it accepts; False: a bus has no room."""
         route = self._route[self.pe[producer]][self.pe[consumer]]
         if route and not self._room_on(route, producer, self._variable[leaf]):
             self.refused = True
@@ -156,7 +157,7 @@ class Draft:
         return True
 
     def unwire(self, leaf: int, consumer: int) -> None:
-        """Take a wire away."""
+        """Remove a wire."""
         producer = self.feeder[leaf]
         self._trail.append((_UNWIRED, leaf, consumer, producer))
         self._unlink(leaf, consumer, producer)
@@ -202,14 +203,14 @@ class Draft:
     # Larger changes
 
     def drop_inputs(self, module: int) -> None:
-        """Take away all wires to a module."""
+        """Remove all wires to a module."""
         feeder = self.feeder
         for leaf in self._leaves_of[self.mode[module]]:
             if feeder[leaf] >= 0:
                 self.unwire(leaf, module)
 
     def move(self, module: int, pe: int) -> bool:
-        """Move a running module with all its wires to another PE; False: it did not work, and is as it was."""
+        """Move a running module with all its wires to another PE; False: it does not fit, and nothing has changed."""
         mark, mode = self.mark(), self.mode[module]
         ends = [(leaf, module, self.feeder[leaf]) for leaf in self._leaves_of[mode] if self.feeder[leaf] >= 0]
         leaf_module = self.tables.leaves.module
@@ -225,7 +226,7 @@ class Draft:
         return False
 
     def sweep(self, outputs: int) -> None:
-        """Stop whatever serves none of the outputs that run (rule 5)."""
+        """Stop whatever serves none of the outputs that run (semantics rule 5)."""
         mode, feeder, leaves_of = self.mode, self.feeder, self._leaves_of
         serving = frontier = self.running & outputs
         while frontier:

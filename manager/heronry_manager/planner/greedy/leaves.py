@@ -10,7 +10,8 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 LEAF, ALL, SOME, ONE = range(4)
 Node = tuple[int, int, tuple["Node", ...], tuple["Node", ...]]
-"""A gate: kind; number of the leaf, or of inputs that must hold; inputs, worth most first; inputs, cheapest first."""
+"""A gate: kind; number of the leaf, or of inputs that must hold; inputs by worth, highest first; inputs by price,
+cheapest first."""
 
 
 @dataclass(frozen=True, slots=True)

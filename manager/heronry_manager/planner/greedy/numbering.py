@@ -12,7 +12,7 @@ from heronry_dg.situation import elements
 
 @dataclass(frozen=True, slots=True)
 class Numbering:
-    """Who has which number."""
+    """The number of each element, and the element of each number."""
 
     spec: Spec
     modules: list[Module]

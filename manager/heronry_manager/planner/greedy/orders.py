@@ -14,12 +14,12 @@ _PRICE_ROUNDS = 8  # as deep as prices look; deeper graphs are merely ordered le
 _UNPRICED = 1 << 40
 
 Giver = tuple[int, int]
-"""Who may feed a leaf: a mode, and the module it is of."""
+"""A mode that may feed a leaf, and the module it is of."""
 
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Needs, and who may feed them, in the order in which they are tried."""
+    """Needs, and the modes that may feed them, in the order in which they are tried."""
 
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode
@@ -66,13 +66,13 @@ def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
 
 
 class _Order:
-    """Says what gates cost and are worth, at these prices of modes."""
+    """Computes what gates cost and are worth, at these prices of modes."""
 
     def __init__(self, leaves: Leaves, price: list[int]) -> None:
         self._worth, self.price = leaves.worth, price
 
     def price_of(self, node: Node) -> int:
-        """What it costs at least to make a gate hold."""
+        """Least price at which a gate holds."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)

@@ -2,12 +2,12 @@
 
 *Choose*: they are served in their cheapest modes, by their cheapest producers, on PEs without limits.
 
-*Pack*: what came out of that is put on the real PEs without a wire: what has one PE to go to first, then the largest
-first, each where the least is left. The size of a module counts what is scarce: its share of each resource weighs as
-much as that resource is asked for. What does not fit goes to the front, and all is packed anew, a few times over; the
-packing that places the most counts.
+*Pack*: what came out of that is put on the real PEs without a wire: modules that have only one host first, then the
+largest first, each on the PE with the least room left. The size of a module counts what is scarce: its share of each
+resource is weighted by the demand for that resource. Modules that do not fit go to the front, and all are packed anew,
+a few times over; the packing that places the most modules is used.
 
-That is done with all of these functions at once. Should some still be left out, a second answer takes them one after
+That is done with all of these functions together. Should some still be left out, a second answer takes them one after
 the other, the most important first, and keeps those for which all that was chosen so far can be packed.
 
 The answer says where modules should be, and nothing about wires: it stands in for what ran before, and a repair makes a
@@ -58,7 +58,7 @@ def _nothing(tables: Tables) -> Before:
 
 
 def _choose(server: Server, goal: Goal) -> None:
-    """Run in an endless draft what a function takes at least."""
+    """Run in a draft without limits the least that a function needs."""
     if not server.is_served(goal):
         server.serve_in(reversed(goal.modes))
 
@@ -74,7 +74,7 @@ class _Packer:
         self._budget = _BUDGET
 
     def packed(self, chosen: Draft) -> tuple[Before, int]:
-        """Place as many modules as can be; gives the places, and how many found none."""
+        """Place as many modules as possible; return the places, and how many modules found none."""
         draft, tables = self._draft, self._tables
         order = _order(tables, self._scene, draft, [mode for mode in chosen.mode if mode >= 0])
         best, fewest = _nothing(tables), len(order)
@@ -95,8 +95,8 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
     needs = {mode: (sizes.cpu[mode], sizes.ram[mode], sizes.flash[module_of[mode]]) for mode in modes}
     pes = [pe for pe in range(len(tables.numbers.pes)) if scene.pes >> pe & 1]
     there = [max(1, sum(of[pe] for pe in pes)) for of in (draft.cpu, draft.ram, draft.flash)]
-    asked = [sum(needed) for needed in zip(*needs.values(), strict=True)]
-    scarcity = [all_asked / (all_there * all_there) for all_asked, all_there in zip(asked, there, strict=False)]
+    demand = [sum(needed) for needed in zip(*needs.values(), strict=True)]
+    scarcity = [demanded / (all_there * all_there) for demanded, all_there in zip(demand, there, strict=False)]
 
     def size(mode: int) -> float:
         return sum((needed * scarce for needed, scarce in zip(needs[mode], scarcity, strict=True)), 0.0)

@@ -1,4 +1,4 @@
-"""Rules between modules: who may not run together, who must, and who drives in the place of whom."""
+"""Rules between modules: which may not run together, which must, and which are branches of one DEMUX."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class PlacementRules:
 
 
 def placement_rules(numbers: Numbering) -> PlacementRules:
-    """Give what the spec says."""
+    """Read the rules from the spec."""
     spec, number = numbers.spec, numbers.module_number
     demuxes = [demux.branches for demux in spec.demuxes.values()]
     return PlacementRules(
@@ -29,7 +29,7 @@ def placement_rules(numbers: Numbering) -> PlacementRules:
 
 
 def _others(numbers: Numbering, groups: Iterable[Iterable[str]]) -> list[int]:
-    """By module: the set of those with which it stands in a group."""
+    """By module: the set of the other modules of its groups."""
     others = [0] * len(numbers.modules)
     for group in groups:
         members = [numbers.module_number[name] for name in group]

@@ -1,4 +1,4 @@
-"""A legal plan at once, for any situation, in pure Python: what flies until the optimum is known, or without it.
+"""A legal plan without a search, for any situation, in pure Python: for use until, or unless, the optimum is known.
 
 Nothing is proven here, and nothing is searched for long. What ran before is repaired (`repairing`): what still holds
 stays as it is, what a fault took is served again where there is room, and room is made for what matters more. Where a
@@ -6,17 +6,17 @@ function of class A to D is still left out though no fault keeps it from running
 and packed anew (`packing`), in up to two ways, repaired in its turn, and the best of the drafts counts. Inputs that are
 optional, or could be better, are supplied last (`supplying`).
 
-A plan is legal by construction, and by the judge's own rules: capacities, placement rules, gates and buses are kept at
-every step of a draft (`draft`). Deadlines are looked at when a draft is done (`punctuality`); where one would be
-missed, the same is done once more with a look at every message that is about to be published. The empty plan is always
-legal, so there is always a plan.
+A plan is legal by construction, and by the verifier's own rules: capacities, placement rules, gates and buses are kept
+at every step of a draft (`draft`). Deadlines are checked when a draft is done (`punctuality`); where one would be
+missed, the draft is made once more with a check of every message that is about to be published. The empty plan is
+always legal, so there is always a plan.
 
 No clock, no random source, no state but what follows from the spec: the same situation and running configuration give
-the same plan, whatever was asked before.
+the same plan, whatever was planned before.
 
     tables       the spec in integers, worked out once, from seven parts
     scene        what a situation leaves
-    draft        a configuration in the making, and how to take anything back
+    draft        a configuration in the making; every change can be undone
     serving      one function at a time
     repairing    the order of things; what gives way to what
     packing      when room is scarce
@@ -43,7 +43,7 @@ class Greedy:
     """The greedy planner of one spec."""
 
     def __init__(self, spec: Spec) -> None:
-        """Work out all that can be known before a fault: some milliseconds."""
+        """Compute everything that does not depend on faults: some milliseconds."""
         self._tables = tables_of(spec)
         self._scenery = Scenery(self._tables)
         self._punctuality = Punctuality(self._tables)

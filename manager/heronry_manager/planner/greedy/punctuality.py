@@ -1,10 +1,10 @@
-"""Deadlines (rule 9) for the greedy planner: bounds that cost microseconds, and the truth behind them.
+"""Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
 The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may. So its recurrence
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
-is asked for less. First in closed form, with (w + J + tau) / T + 1 in place of the round-up:
+is only bounded. First in closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
@@ -16,7 +16,7 @@ jitter is known when it is needed; what becomes a jitter is always iterated.
 
 All of that is floating point, rounded away from the answer that it gives, and a jitter counts only if rounding does not
 change it. What is between the bounds is for the exact analysis, whose verdicts are remembered. So what is accepted here
-is what the judge accepts, whatever the rounding.
+is what the verifier accepts, whatever the rounding.
 """
 
 from math import ceil
@@ -32,14 +32,14 @@ _NS_PER_S: Final = 1e9
 _MILLIHERTZ_NS: Final = 1e12  # period of 1 mHz
 _UP: Final = 1 + 1e-9  # far more than all rounding together
 _DOWN: Final = 1 - 1e-9
-_FULL: Final = 0.99  # share of a bus above which only the exact analysis says anything
+_FULL: Final = 0.99  # share of a bus above which only the exact analysis gives a verdict
 _REMEMBERED: Final = 512  # verdicts
 
 Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """What is on a bus above the next message."""
+    """What is on a bus with more urgent identifiers than the next message."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
@@ -62,7 +62,7 @@ class _Level:
         self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence until it stands, or is beyond `most_ns`.
+        """Iterate the recurrence until it does not change, or is beyond `most_ns`.
 
         It starts from what it would be without any round-up, which is less, and saves most of the way.
         """
@@ -75,20 +75,20 @@ class _Level:
 
 
 class Watch:
-    """Looks at every message before it is published, for as long as its budget lasts; then it lets none pass."""
+    """Checks every message before it is published, as long as its budget lasts; afterwards it allows none."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """`budget`: messages that it may look at, those included that were published before."""
+        """`budget`: messages that it may check, those included that were published before."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether a draft that is in time stays so; what `Draft` wants to be told."""
+        """Tell whether a draft that is in time stays so with more messages (`MayPublish` of `Draft`)."""
         self._budget -= len(draft.published)
         return self._budget >= 0 and self._punctuality.stay_met(draft, more)
 
 
 class Punctuality:
-    """Says whether a draft's messages meet their deadlines."""
+    """Tells whether a draft's messages meet their deadlines."""
 
     def __init__(self, tables: Tables) -> None:
         """Work out what does not depend on the draft."""
@@ -127,7 +127,7 @@ class Punctuality:
         return level
 
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
-        """Give the verdict as far as the bounds go; None: they say nothing.
+        """Return the verdict as far as the bounds go; None: they do not decide.
 
         since: identifier; what is more urgent is known to be in time.
         """
@@ -164,7 +164,7 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time, exactly if it becomes a jitter; 0: it is too long, None: nobody knows."""
+        """Bound one response time, exactly if it becomes a jitter; 0: it is too long, None: this is not known."""
         if level.load > _FULL:
             return None
         period, given = self._period_ns[draft.mode[source[0]]], self._deadline_ns[source[1]]
@@ -199,7 +199,7 @@ class Punctuality:
         return self._verdicts[published]
 
     def _hop(self, draft: Draft, message: Publication) -> Hop:
-        """Give a publication in the words of the judge."""
+        """Return a publication as the verifier's response-time analysis names it."""
         module, variable, bus = message
         tables = self._tables
         after = self._steps[draft.pe[module]][bus][1]

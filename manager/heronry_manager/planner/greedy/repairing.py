@@ -4,7 +4,7 @@
 2. *Serve* what is left, most important first, in what room there is.
 3. *Make room* for what found none: producers go into cheaper modes that their readers accept; functions that matter
    less are stopped, and others put into worse modes, one by one until it fits. Then what was stopped is served again as
-   far as it goes. All of that counts only if levels 1 and 2 are better for it; else it never happened.
+   far as it goes. All of that is kept only if levels 1 and 2 are better for it; otherwise it is undone.
 4. *Improve*: put functions into better modes while that fits.
 
 Inputs (level 3) come last, once all functions have what they can get: `supplying`.
@@ -20,7 +20,7 @@ from heronry_manager.planner.greedy.supplying import supply
 from heronry_manager.planner.greedy.tables import Tables
 from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
-_TRIES: Final = 40  # functions put down or aside, over all that room is made for
+_TRIES: Final = 40  # functions stopped or worsened in all, to make room
 _SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
 _LOOKS_FOR_FUNCTIONS: Final = 3000  # messages looked at for deadlines, see `Watch`
 _LOOKS_FOR_INPUTS: Final = 1500
@@ -69,7 +69,7 @@ class Repair:
         return self._wanted.score(self.draft.mode)
 
     def unserved(self) -> list[Goal]:
-        """Functions that are not served, though no fault keeps them from it."""
+        """Functions that are not served, although no fault prevents it."""
         possible = self._scene.possible
         return [
             goal
@@ -121,7 +121,7 @@ class Repair:
         return [(other, at > number) for other, at in served]
 
     def _uses(self, goal: Goal, pes: int) -> bool:
-        """Tell whether anything that a function needs runs on one of some PEs."""
+        """Tell whether anything that a function needs runs on one of these PEs."""
         draft, seen = self.draft, 0
         frontier = [module for module in goal.outputs if draft.mode[module] >= 0]
         while frontier:

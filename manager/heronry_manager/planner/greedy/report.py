@@ -1,6 +1,6 @@
-"""From the integers of a draft to a plan in the words of everybody else.
+"""From the integers of a draft to a plan with the names of the spec.
 
-A draft knows what it is worth, so nothing of that is worked out again from the configuration.
+A draft knows its own value, so the value is not computed again from the configuration.
 """
 
 from heronry_dg.configuration import Configuration, Running

@@ -1,4 +1,4 @@
-"""Buses: the routes between PEs, what the way from the manager to a PE leads over, and what a variable loads."""
+"""Buses: the routes between PEs, the elements on the way from the manager to a PE, and the load of a variable."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class Routes:
 
 
 def routed(numbers: Numbering) -> Routes:
-    """Work it out; routes never depend on faults, because the buses form a forest."""
+    """Compute the routes; they never depend on faults, because the buses form a forest."""
     spec, pes = numbers.spec, numbers.pes
     healthy = survivors(spec, Situation())
     first_bus = len(pes)

@@ -33,7 +33,7 @@ class Scenery:
     """Makes scenes of one spec."""
 
     def __init__(self, tables: Tables) -> None:
-        """Work out the fault-free scene, which every other one is less than."""
+        """Compute the fault-free scene, of which every other one is a part."""
         self._tables = tables
         self._elements = element_numbers(tables.numbers)
         self._cpu = tables.sizes.pe_cpu
@@ -49,7 +49,7 @@ class Scenery:
         self._possible = self._shrunk(placeable, placeable)
 
     def scene(self, now: Situation) -> Scene:
-        """Work out what a situation leaves."""
+        """Compute what a situation leaves."""
         tables = self._tables
         down, modules = self._down(now)
         pes = self._pes
@@ -110,7 +110,7 @@ class Scenery:
         return homeless
 
     def _without(self, gone: int) -> int:
-        """Modes that stay possible without some."""
+        """Modes that stay possible without those in `gone`."""
         readers, possible = self._tables.orders.readers, self._possible & ~gone
         touched = 0
         while gone:

@@ -2,15 +2,15 @@
 
 A mode is tried on its old PE, then on the others, the emptiest first. An input takes what runs already where it can,
 and starts a producer where it must: first one that ran before, then the cheapest. A producer that runs in a mode which
-does not serve is put into one that does, if those that read from it can take that as well (`switch`). Where no PE has
-room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
+does not serve is put into one that does, if the modules that read from it accept that as well (`switch`). Where no PE
+has room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
 
-Whatever returns False has left the draft as it was, but for `hold`. A module whose inputs are being seen to is *busy*:
+Whatever returns False has left the draft as it was, but for `hold`. A module whose inputs are being wired is *busy*:
 it counts as running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by counts of tries
 (`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and is the same on every
 machine.
 
-*Adopting* is the same with less freedom: nothing but what ran, in its mode and place.
+*Adopting* is the same with less freedom: only modules that ran before are started, in their modes and places.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -51,7 +51,7 @@ class Server:
         return any(mode[module] >= 0 for module in goal.outputs)
 
     def serve(self, goal: Goal) -> bool:
-        """Serve a function, as it was before if that works, else in its best mode that does."""
+        """Serve a function, as it was before if that is possible, else in the best mode that is."""
         self.short = 0
         if self.is_served(goal):
             return True
@@ -60,7 +60,7 @@ class Server:
         return self.serve_in(modes)
 
     def serve_in(self, modes: Iterable[int]) -> bool:
-        """Run the first of some modes of outputs that works."""
+        """Run the first of these output modes that can run."""
         self.fuel = _FUEL
         return any(self.run(self._tables.numbers.module_of[mode], mode) for mode in modes)
 
@@ -78,7 +78,7 @@ class Server:
     # Modules
 
     def run(self, module: int, mode: int, pe: int = -1) -> bool:
-        """Start a module and see to its needs; on `pe` alone, if one is given."""
+        """Start a module and wire its needs; on `pe` alone, if one is given."""
         if min(self.fuel, self._budget) <= 0 or not self._scene.possible >> mode & 1:
             return False
         if self.busy.bit_count() > _DEEPEST:
@@ -160,7 +160,7 @@ class Server:
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
-        """Put a running module into another mode, if those that read from it can take that.
+        """Put a running module into another mode, if the modules that read from it accept that.
 
         may_worsen: even if a function is worth less for it.
         """
@@ -195,7 +195,7 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Make a gate hold with as little as it takes. False may leave wires behind: undo to a mark of your own.
+        """Make a gate hold with as little as it takes. False may leave wires behind: the caller undoes to its own mark.
 
         may_start: producers that do not run may be started.
         """

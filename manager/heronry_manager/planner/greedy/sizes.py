@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_manager.planner.greedy.numbering import Numbering
 
-_WHOLE = 10**6  # in which shares of all that there is are counted
+_WHOLE = 10**6  # unit of the shares of all that there is
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Sizes:
 
 
 def sized_up(numbers: Numbering) -> Sizes:
-    """Work it out."""
+    """Compute the sizes of a spec's modes and PEs."""
     pes = numbers.pes
     pe_cpu, pe_ram, pe_flash = [p.cpu_millis for p in pes], [p.ram for p in pes], [p.flash for p in pes]
     cpu, ram = [mode.cpu_millis for _, mode in numbers.modes], [mode.ram for _, mode in numbers.modes]

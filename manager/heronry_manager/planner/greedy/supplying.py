@@ -2,7 +2,7 @@
 
 Every running module is gone through, those that are started on the way included. What is not supplied is tried; what is
 supplied is tried in a version that is worth more. Nothing is moved for it, and no function is touched. First only what
-ran before is taken back, as it was, so that nothing new takes its place; then anything.
+ran before is supplied again, as it was, so that nothing new takes its place; then anything.
 """
 
 from typing import Final
@@ -38,7 +38,7 @@ def _go_through(draft: Draft, server: Server, tables: Tables) -> None:
 
 
 class _Supplier:
-    """Sees to the inputs of one module, whose needs are met."""
+    """Supplies the inputs of one module whose needs are met."""
 
     def __init__(self, draft: Draft, server: Server, tables: Tables, module: int) -> None:
         self._draft, self._server, self._tables, self._module = draft, server, tables, module

@@ -3,7 +3,7 @@
 Everything that depends on the spec and the phase alone is here; what depends on faults is a `Scene`. It is made in this
 order, each part of those before:
 
-    numbering        who has which number
+    numbering        the number of each element
     sizes            what modes take, what PEs have, where a mode could run
     leaves           inputs and gates
     orders           which of them is tried first
@@ -26,7 +26,7 @@ from heronry_manager.planner.greedy.wanted import Wanted, wanted_in
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """All of it, for one spec."""
+    """All tables of one spec."""
 
     numbers: Numbering
     sizes: Sizes

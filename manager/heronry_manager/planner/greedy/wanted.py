@@ -37,13 +37,16 @@ class Wanted:
 
 def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wanted:
     """Work out what a phase wants; `price` is that of each mode."""
-    asker = _Asker(numbers, phase)
+    appraiser = _Appraiser(numbers, phase)
     functions = [one for one in numbers.spec.functions.values() if one.priority_in(phase) > 0]
-    goals = sorted(map(asker.goal, functions), key=lambda goal: _urgency(goal, price))
+    goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
     worth = {
-        mode: sum(asker.utility(one, mode) for one in functions) for mode in {m for goal in goals for m in goal.modes}
+        mode: sum(appraiser.utility(one, mode) for one in functions)
+        for mode in {m for goal in goals for m in goal.modes}
     }
-    bound = 1 + sum(max((asker.utility(one, m) for m in asker.output_modes(one)), default=0) for one in functions)
+    bound = 1 + sum(
+        max((appraiser.utility(one, m) for m in appraiser.output_modes(one)), default=0) for one in functions
+    )
     classes = _class_weights(goals)
     outputs = sorted({module for goal in goals for module in goal.outputs})
     return Wanted(
@@ -58,8 +61,8 @@ def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wa
     )
 
 
-class _Asker:
-    """Says what a phase gives for a function."""
+class _Appraiser:
+    """Computes what a function is worth in a phase."""
 
     def __init__(self, numbers: Numbering, phase: str | None) -> None:
         self._numbers, self._phase = numbers, phase

@@ -6,7 +6,7 @@ modules share it, or where its variables are called differently. The agent finds
 
 Images are written against `heronry_agent.module` alone. They hold no clock and no random source: the time of a step is
 in its context, and the same inputs give the same outputs. An input may be absent in any step, first and foremost in the
-first ones; each image says what it does then. What a restart loses, it says too.
+first ones; each image says what it does then. It also says what a restart loses.
 """
 
 from collections.abc import Mapping

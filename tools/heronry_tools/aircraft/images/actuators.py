@@ -1,14 +1,14 @@
-"""Device drivers of the actuators: limited, held where nothing new is known, and safe where that is not enough.
+"""Device drivers of the actuators: their outputs are limited, held without a demand, and safe where that is not.
 
 What they decide: what is written to the device, each period.
 
-- A surface goes no further than its stops and no faster than its servo, and stays where it was told last while there is
-  no demand: an elevator that snapped to neutral on every lost frame would be worse than one that waits.
+- A surface goes no further than its stops and no faster than its servo, and stays at its last command while there is no
+demand: an elevator that snapped to neutral on every lost frame would be worse than one that waits.
 - A charge or a burn wire cannot be undone: it takes two demands in a row, and then stays fired.
 - A gas valve without a demand closes: what is in the wings stays there, and what is in the bottle too.
 
 A restart: a servo starts from the first demand, as the surface may stand anywhere; a charge is fired again if it is
-still asked for, which does no harm.
+still demanded, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class SurfaceServo(Module):
-    """Drives a control surface to a demanded angle in degrees; `echo` is a variable that says what it was told."""
+    """Drives a control surface to a demanded angle in degrees; `echo` is a variable that carries its last command."""
 
     demand: ClassVar[str]
     echo: ClassVar[str | None] = None
@@ -50,7 +50,7 @@ class SurfaceServo(Module):
 
 
 class ElevatorServo(SurfaceServo):
-    """An elevator servo that says nothing."""
+    """An elevator servo whose driver publishes nothing."""
 
     demand = "elevator_demand"
 
@@ -58,7 +58,7 @@ class ElevatorServo(SurfaceServo):
 class ReportingElevatorServo(ElevatorServo):
     """An elevator servo whose driver publishes what it commands, for the monitor.
 
-    Each driver gives its own version of the echo, so that whoever reads it knows which servo is at work.
+    Each driver gives its own version of the echo, so that a reader knows which servo is at work.
     """
 
     echo = "elevator_servo_command"
@@ -77,15 +77,15 @@ class Charge(Module):
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
-        self._asked = 0
+        self._demanded = 0
         self._fired = False
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Write 1 for fired, else 0; a period without a demand neither asks nor takes back."""
+        """Write 1 for fired, else 0; a period without a demand changes nothing."""
         demand = whole(inputs, self.demand)
         if demand is not None:
-            self._asked = self._asked + 1 if demand != 0 else 0
-        self._fired = self._fired or self._asked >= 2
+            self._demanded = self._demanded + 1 if demand != 0 else 0
+        self._fired = self._fired or self._demanded >= 2
         self.ctx.write(int(self._fired))
         return {}
 

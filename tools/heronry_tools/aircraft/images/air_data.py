@@ -2,8 +2,8 @@
 
 The voter takes the middle of three pressures, so that one sensor, however wrong, never leads. It reports the odd one
 out when that sensor has disagreed with the middle for a second without a break, again for every second that this goes
-on (the operator may have cleared it), and only while all three are there: of two that differ nobody can say which is
-right. It judges nothing in its first second, when some data are fresh and others still on their way. Which sensor a
+on (the operator may have cleared it), and only while all three are there: of two that differ it is not known which is
+right. It compares nothing in its first second, when some data are fresh and others still on their way. Which sensor a
 variable comes from it knows by the spec's names: `pressure_2` is measured by `device:pressure_sensor_2`.
 
 A restart begins the second anew, and forgets which of two was nearer to the truth.

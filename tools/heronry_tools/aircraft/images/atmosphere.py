@@ -1,6 +1,6 @@
 """The standard atmosphere: pressure and altitude, each from the other, and dynamic pressure to airspeed.
 
-What it decides: nothing; it is the table and the two formulas that barometric images and the bench share, so that a
+What it decides: nothing; it is the table and the two formulas that barometric images and the plant share, so that a
 true altitude in the one is a true altitude in the other.
 
 Source: ICAO Standard Atmosphere (ICAO Doc 7488, ISO 2533), geopotential altitude, layers from -2 to 47 km. A layer has
@@ -85,5 +85,5 @@ def indicated_airspeed_m_per_s(differential_hpa: float) -> float:
 
 
 def differential_hpa(indicated_m_per_s: float) -> float:
-    """Differential pressure at an indicated airspeed: the inverse, for the bench."""
+    """Differential pressure at an indicated airspeed: the inverse, for the plant."""
     return 0.5 * SEA_LEVEL_DENSITY_KG_PER_M3 * indicated_m_per_s**2 / _PA_PER_HPA

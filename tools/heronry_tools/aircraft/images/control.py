@@ -5,7 +5,7 @@ for a positive deflection. A rudder that swings clockwise (positive) yaws to the
 the aircraft after it: an inflatable wing has no ailerons.
 
 What they decide: the demand, held to what the surface can do. Without a command, or with one that is gone, a loop flies
-the best glide with level wings; a command beyond the limits is held to them, whoever it comes from. Without an attitude
+the best glide with level wings; a command beyond the limits is held to them, whatever its source. Without an attitude
 nothing is published, and the servo stays where it is.
 
 A restart loses the integral: the surface moves by at most the trim that it had learned.
@@ -79,7 +79,7 @@ class PitchControl(Module):
 
 
 def _gain(speed_m_per_s: float | None) -> float:
-    """Give 1 at the best glide, and where the speed is not known or no flow."""
+    """1 at the best glide, and where the speed is unknown or there is no flow."""
     if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S:
         return 1.0
     return min(max((BEST_GLIDE_M_PER_S / speed_m_per_s) ** 2, 0.4), 1.5)

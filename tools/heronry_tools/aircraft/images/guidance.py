@@ -78,7 +78,7 @@ def _bank_per_deg(inputs: Inputs) -> float:
 class OrbitAutopilot(Module):
     """The experiment: a circle over the field, and a steeper glide the higher the aircraft still is.
 
-    An aircraft that says it hangs on its balloon is asked to hang level.
+    An aircraft that reports to hang on its balloon is commanded to hang level.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:

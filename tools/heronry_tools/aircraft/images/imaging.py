@@ -4,7 +4,7 @@ A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: 
 taken (latitude and longitude in 1/32768 deg from -256 up, altitude in m; 0xFFFFFF for not known). The rest are three
 grey pixels each. `preview` sends every fourth pixel word, and so a coarser picture.
 
-The camera of the bench shows nothing but a counter; the pixels are a pattern made from it, so that the archive can
+The camera of the plant shows nothing but a counter; the pixels are a pattern made from it, so that the archive can
 check what has arrived. A lost word spoils its picture and no other: the next one starts again at index 0.
 
 A restart begins with the next frame.

@@ -2,13 +2,13 @@
 
 The parachute, as the paper has it (section 3.1): either input is enough to keep it shut. A release command opens it.
 Without the command link, but with an altitude, it opens when an aircraft that has been high comes down through the
-opening altitude: nobody would be able to ask for it later. And *by default* it opens when neither has been heard for
-some time: longer than a reconfiguration takes, and longer than the inputs need after a start.
+opening altitude: later no command could open it. And *by default* it opens when neither has been heard for some time:
+longer than a reconfiguration takes, and longer than the inputs need after a start.
 
 The balloon's line is cut on command, or at the altitude where it is meant to be cut if the wings are known to be ready
 or nothing is known of them, or at the highest altitude whatever the wings are: there the balloon bursts by itself.
 
-Neither takes its word back: once asked, always asked. A restart asks again if the reasons still hold; one just below
+Neither withdraws its output: once given, it stays. A restart gives it again if the reasons still hold; one just below
 the opening altitude does not know that it has been high, and then waits for a command or the default.
 """
 

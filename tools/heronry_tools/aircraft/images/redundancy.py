@@ -15,7 +15,7 @@ class PressureMedian(MedianVoter):
 
 
 class PressureMajority(MajorityVoter):
-    """What two of three pressures say, in hPa."""
+    """The pressure that two of three sensors agree on, in hPa."""
 
     channels, output, tolerance = _PRESSURES, "agreed_pressure", 20.0
 

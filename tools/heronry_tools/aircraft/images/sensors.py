@@ -1,8 +1,9 @@
 """Device drivers of the sensors: from what a device says to variables in their units.
 
-What they decide: whether the device answers. One that has been silent, or has said what no such device says, for half
-a second is reported as `device:...`, and every half second from then on, since the operator may have cleared it; the
-half second covers a device that is still waking up when its driver starts. Nothing is published for a period without an
+What they decide: whether the device answers. One that has been silent, or has given readings that no such device gives,
+for half a second is reported as `device:...`, and every half second from then on, since the operator may have cleared
+it; the half second covers a device that is still waking up when its driver starts. Nothing is published for a period
+without an
 answer: an old value is not repeated as a new one.
 
 A restart loses the count of silent periods and nothing else.
@@ -93,7 +94,7 @@ class GpsReceiver(TupleSensor):
 
 
 class GpsAltitude(TupleSensor):
-    """The same receiver where only its height is asked for."""
+    """The same receiver where only its height is used."""
 
     device = "gps"
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))

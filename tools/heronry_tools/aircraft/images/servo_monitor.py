@@ -1,28 +1,29 @@
-"""The servo monitors: they compare where a surface was told to go with where it stands, and name who is to blame.
+"""The servo monitors: they compare a surface's command with its position, and name the device at fault.
 
 What they decide: which device has failed. The surface is expected where a healthy servo would have brought it (the
 command through a short lag). A difference beyond the tolerance that lasts for the delay, and for several looks at it,
 is a failure; then the manager is given time to put the other servo to work.
 
-Whom to blame. In `big_blue` each servo driver publishes what it commands, in a version of its own, so the version of
-the datum says which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the monitor assumes
-what the graph says: the first branch of the DEMUX works first, and the second one after the first has been reported.
-That is wrong when somebody else has taken the first servo out, and harmless then: the report names a device that is
-already down. It does not hear either whether the servo is driven at all. A surface stands still as well while its
-driver is silent, or holds back on another PE, until that is noticed and another one drives; so this monitor waits for
-longer than a reconfiguration takes before it believes that a servo is to blame.
+Which device is at fault. In `big_blue` each servo driver publishes what it commands, in a version of its own, so the
+version of the datum shows which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the
+monitor assumes what the graph says: the first branch of the DEMUX works first, and the second one after the first has
+been reported. That is wrong when the first servo is out of use for another reason, and harmless then: the report names
+a device that is already down. Nor does this monitor know whether the servo is driven at all. A surface stands still as
+well while its driver is silent, or holds back on another PE, until that is noticed and another one drives; so this
+monitor waits for longer than a reconfiguration takes before it reports a servo.
 
-A second servo is blamed only if the surface has followed for a while since the first one was: two servos in a row
-hardly fail at once, and one potentiometer that is stuck accuses both. Blaming both would leave the aircraft without an
-elevator for the sake of a sensor, so then it is the sensor that is reported. Whoever was reported and is still at work,
-is reported again, and nobody else: the operator may have cleared it.
+The second servo is reported only if the surface has followed its commands for a while since the first one was: two
+servos hardly fail within a short time, and a single stuck potentiometer makes both look wrong. Reporting both would
+leave the aircraft without an elevator because of a sensor, so then the sensor is reported. A device that was reported
+and is still in use is reported again, and no other one: the operator may have cleared it.
 
-What it cannot see: a surface that is stuck where it is told to be. It shows with the next command.
+What it cannot see: a surface that is stuck at its commanded position. It shows with the next command.
 
-The health that they publish: 0 well, else who was accused last: 1 or 2 the servo of that number, 3 the angle sensor.
+The health that they publish: 0 well, else the device that was reported last: 1 or 2 the servo of that number, 3 the
+angle sensor.
 
-Start: the surface is expected where it stands. A missing command or angle suspends the judgement. A restart forgets the
-accusations; the first repeats them, which changes nothing.
+Start: the surface is expected where it stands. A missing command or angle suspends the comparison. A restart forgets
+the reports; the next failure repeats them, which changes nothing.
 """
 
 from collections.abc import Mapping
@@ -109,7 +110,7 @@ class SurfaceMonitor(Module):
 
 
 class ElevatorMonitor(SurfaceMonitor):
-    """The monitor that is told which servo works: the version of the echo is the servo's number."""
+    """The monitor that knows which servo works: the version of the echo is the servo's number."""
 
     command = "elevator_servo_command"
     health = "servo_health"
@@ -127,5 +128,5 @@ class ServoMonitor(SurfaceMonitor):
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give the first servo, or the second once the first has been accused."""
+        """Give the first servo, or the second once the first has been reported."""
         return 2 if 1 in self._accused else 1

@@ -1,8 +1,8 @@
-"""What others are told of the flight: telemetry for the radio, the display on the ground, the recorder on board.
+"""Output of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
 
 What is decided: nothing. Telemetry repeats what it has at the rate of its mode, and leaves out what it lacks, so that a
-missing value is missing on the ground as well; in the status byte by byte 255 says so. Display and recorder write one
-line of text per period: `name=value` for what is there, in a fixed order.
+missing value is missing on the ground as well; in each byte of the status 255 stands for "missing". Display and
+recorder write one line of text per period: `name=value` for what is there, in a fixed order.
 
 A restart loses nothing.
 """

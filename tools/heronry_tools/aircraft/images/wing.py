@@ -20,8 +20,8 @@ _FIRM_HPA = 430.0
 _LEAKING_HPA = 250.0
 _OPEN_BELOW_HPA, _SHUT_ABOVE_HPA = 470.0, 500.0
 _LOWEST_INFLATION_M = 15_000.0
-_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # a reconfiguration, or a start, is over long before: nobody measures it any more
-# Compressed like the bench's flight; real resin takes minutes of sun at altitude.
+_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # longer than a reconfiguration or a start: the datum is no longer measured
+# Compressed like the plant's flight; real resin takes minutes of sun at altitude.
 _CURE_DOSE_J_PER_M2 = 600.0
 
 
@@ -58,8 +58,8 @@ class InflationControl(Module):
         state, altitude_m = whole(inputs, "wing_state"), number(inputs, "altitude")
         if state in {WingState.CURED, WingState.LEAKING}:
             return True
-        # Folded wings stay folded near the ground, and until it is sure that nobody will say any more whether they are
-        # there; wings that have begun to fill are finished wherever they are.
+        # Folded wings stay folded near the ground, and until it is certain that their state is no longer measured;
+        # wings that have begun to fill are finished wherever they are.
         if altitude_m is None:
             low = self.ctx.now_ns - self._altitude_heard_ns < _ALTITUDE_LOST_NS
         else:

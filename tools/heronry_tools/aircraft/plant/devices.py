@@ -38,7 +38,7 @@ _GLIDE_M_PER_S = 18.0
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a sensor is asked in: its name, the time since take-off, the flight, and the mechanisms.
+    """The conditions of a reading: the sensor's name, the time since take-off, the flight, and the mechanisms.
 
     Positions are in the mechanisms' own units (deg, hPa), rates in those per second.
     """
@@ -154,7 +154,7 @@ def _camera(around: Surroundings) -> int:
 
 
 def _commands(around: Surroundings) -> tuple[int, ...]:
-    """Release of the parachute, and cut of the balloon's line: the ground asks for the second one in time."""
+    """Release of the parachute, and cut of the balloon's line: the ground gives the second one in time."""
     return (0, int(around.now.time_s >= CUTDOWN_S))
 
 

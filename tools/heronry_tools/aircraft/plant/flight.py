@@ -1,4 +1,4 @@
-"""The flight that the bench flies: up under a balloon, wings out, released, gliding home, down.
+"""The flight of the plant: up under a balloon, wings out, released, gliding home, down.
 
 What it decides: where the aircraft is and how the air rocks it, as a function of the time since take-off and of nothing
 else, so that any number of processes with one origin agree, and one that was restarted finds itself where the others
@@ -88,14 +88,14 @@ _PITCH_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0)
 _ROLL_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0))
 _PITCH_SWAY_RAD_PER_S = math.tau / 7.0
 _ROLL_SWAY_RAD_PER_S = math.tau / 11.0
-# What the valve is expected to have done, for a bench that has not seen it move: the wings of a process restarted in
-# flight are as full as the others believe.
+# What the valve is expected to have done, for a plant that has not seen it move: the wings of a process restarted in
+# flight are as full as those of the others.
 _WING_PRESSURE_HPA = _Curve((70.0, 0.0), (80.0, 500.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The aircraft at one time, with its surfaces at rest; what nobody asks for is not worked out.
+    """The aircraft at one time, with its surfaces at rest; each value is computed when it is first read.
 
     Angles in degrees: pitch nose up, roll to the right, track from north clockwise.
     """
@@ -154,7 +154,7 @@ def moment(time_ns: int) -> Moment:
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """What the wings hold at this time if nobody has been seen to move their valve."""
+    """What the wings hold at this time if no movement of their valve has been seen."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

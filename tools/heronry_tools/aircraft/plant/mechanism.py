@@ -23,7 +23,7 @@ class Mechanism:
     _pushed_ns: int | None = None
 
     def push(self, target: float, now_ns: int, resting: float) -> None:
-        """Move towards a target from where it is now; `resting` is where it is if nobody has pushed it yet."""
+        """Move towards a target from where it is now; `resting` is where it is if it has not been pushed yet."""
         self._from = self.position(now_ns, resting)
         self._target, self._pushed_ns = target, now_ns
 
@@ -34,7 +34,7 @@ class Mechanism:
         return (self._target - self.position(now_ns, resting)) / self._lag_s()
 
     def position(self, now_ns: int, resting: float) -> float:
-        """Where it is; `resting` if nobody has pushed it yet."""
+        """Where it is; `resting` if it has not been pushed yet."""
         if self._pushed_ns is None:
             return resting
         elapsed_s = max(now_ns - self._pushed_ns, 0) / NS_PER_S

@@ -1,4 +1,4 @@
-"""Noise that everybody agrees on: a function of a name and a time, and of nothing else.
+"""Noise that is the same in every process: a function of a name and a time, and of nothing else.
 
 A generator would have a state, and two processes that read the same device at the same time would differ; a hash has
 none. Python's own `hash` of a text changes from process to process, hence BLAKE2.

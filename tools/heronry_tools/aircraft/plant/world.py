@@ -1,18 +1,20 @@
-"""The world as one PE's simulated devices meet it: read a sensor, move an actuator, hear that another one moved.
+"""The plant as one PE's simulated devices see it: read a sensor, move an actuator, hear that another one moved.
 
 What it decides: what a device answers at a time. Most of the world is a script that depends on the time since the
 origin alone (flight.py); what depends on actuators is a handful of mechanisms (the surfaces, the airframe that follows
 them, the wings' gas).
 
-There is one `Plant` per process, and they share nothing but the origin, on one monotonic clock. A bench learns of an
+There is one `Plant` per process, and they share nothing but the origin, on one monotonic clock. A plant learns of an
 actuator that its own PE moved by `write`, and of one elsewhere by `heard`, from an echo on the bus:
 
 - an echo lost or late: a mechanism lags here until the next one; actuators are driven every period, so soon;
 - an echo doubled: it pushes to the same place, and nothing changes;
-- a restart: the script is where it should be at once, a mechanism after the first echo and a few tenths of a second.
+- a restart: the script is where it should be immediately, a mechanism after the first echo and a few tenths of a
+second.
 
-States: healthy, or failed on command, for each device. A failure is this bench's alone: fail the device where it is
-bolted. A failed actuator is not echoed (`write` says so), so that nobody elsewhere believes that it moved.
+States: healthy, or failed on command, for each device. A failure is known to this plant alone: fail the device at the
+PE to which it is bolted. A failed actuator is not echoed (`write` returns None), so that no plant elsewhere takes it as
+moved.
 """
 
 from collections.abc import Iterable
@@ -39,7 +41,7 @@ Failure = Literal["dead", "stuck", "bias"]
 @dataclass(frozen=True, slots=True)
 class _Fault:
     how: Failure
-    frozen: Value | None  # what a stuck sensor goes on saying
+    frozen: Value | None  # the reading that a stuck sensor repeats
     offset: float
 
 
@@ -49,7 +51,7 @@ class Plant:
     def __init__(self, origin_ns: int) -> None:
         self._origin_ns = origin_ns
         self._faults: dict[str, _Fault] = {}
-        self._positions: dict[str, Value] = {}  # what each actuator was last told, by device
+        self._positions: dict[str, Value] = {}  # the last command of each actuator, by device
         self._mechanisms = {
             "elevator": Mechanism(rise_s=0.08, fall_s=0.08),
             "rudder": Mechanism(rise_s=0.08, fall_s=0.08),
@@ -63,7 +65,7 @@ class Plant:
         return PlantDevice(self, name)
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """What a device says now, None when it does not answer; an actuator says what it was last told."""
+        """What a device reads now, None when it does not answer; an actuator gives its last command."""
         fault = self._faults.get(device)
         if fault is None:
             return self._healthy_reading(device, now_ns)
@@ -86,7 +88,7 @@ class Plant:
         return value
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Take note that an actuator moved, here or on another PE; one that has failed here did not."""
+        """Note that an actuator moved, here or on another PE; one that has failed here did not."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
@@ -98,7 +100,7 @@ class Plant:
         return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 
     def position(self, device: str) -> Value | None:
-        """Where an actuator was last told to go, by `write` or `heard`; None if it never was."""
+        """The last command of an actuator, by `write` or `heard`; None if there was none."""
         return self._positions.get(device)
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:

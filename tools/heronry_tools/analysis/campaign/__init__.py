@@ -1,1 +1,1 @@
-"""Every fault there could be: what is planned for it, what it costs, and what it takes to lose a function."""
+"""Every set of faults: the plan for it, what it loses, and the smallest sets that lose a function."""

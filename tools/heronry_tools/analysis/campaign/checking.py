@@ -1,4 +1,4 @@
-"""A contingency file held to what it says: every entry before the judge, and every worth worked out again."""
+"""The check of a contingency file: every entry is verified, and every worth is computed again."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, as_completed
@@ -30,11 +30,11 @@ class Entry:
 
 
 def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> list[str]:
-    """Everything that is wrong with contingencies, one sentence each; in the order of the file."""
+    """Every error in contingencies, one sentence each, in the order of the file."""
     entries = iter(list(_entries(made)))
     parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
     with Progress() as progress:
-        progress.begin("entries judged", sum(map(len, parts)))
+        progress.begin("entries verified", sum(map(len, parts)))
         if executor is None:
             found = []
             for part in parts:
@@ -49,7 +49,7 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
 
 
 def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
-    """Judge some entries."""
+    """Verify entries: one sentence for each that is wrong."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 
 

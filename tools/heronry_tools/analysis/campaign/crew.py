@@ -1,9 +1,9 @@
-"""Who answers the questions of a sweep: this process, several of its own, or a Dask cluster.
+"""The workers that answer the questions of a sweep: this process, worker processes of it, or a Dask cluster.
 
 A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
-that any `concurrent.futures.Executor` can carry it, a cluster's as well. Every plan passes the judge where it is made.
+that any `concurrent.futures.Executor` can run it, a cluster's as well. The process that makes a plan also verifies it.
 
-Processes of our own start and end as `heronry_tools.console.processes` says.
+Worker processes start and end as in `heronry_tools.console.processes`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -47,8 +47,8 @@ def solved(task: Task) -> list[Outcome]:
 
 
 def _planner(spec: Spec) -> "Planner":
-    """Give the planner of this process, for as long as all tasks are about one spec."""
-    from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - whoever only judges needs no solver
+    """The planner of this process; it is kept as long as all tasks are about one spec."""
+    from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - verifying alone needs no solver
 
     if not _warm or _warm[0].spec != spec:
         _warm[:] = [Planner(spec)]
@@ -67,7 +67,7 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
 
 
 def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
-    """Answer questions as they get done; without an executor here, one after the other."""
+    """Yield answers as they arrive; without an executor this process makes them, one after the other."""
     tasks = list(_tasks(spec, questions))
     if executor is None:
         for task in tasks:
@@ -79,7 +79,7 @@ def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]
         for done in as_completed(under_way):
             yield from zip(_questions(under_way[done]), done.result(), strict=True)
     except (BrokenExecutor, CancelledError) as error:
-        raise UserError("a process that planned has ended, or was ended; give the same command again") from error
+        raise UserError("a worker process has ended or was killed; repeat the command") from error
 
 
 def _tasks(spec: Spec, questions: Iterable[Question]) -> Iterator[Task]:
@@ -97,7 +97,7 @@ def _questions(task: Task) -> Iterator[Question]:
 
 @contextmanager
 def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Give who answers: nobody else for one job, so many processes, or the Dask cluster at an address."""
+    """Yield an executor: None for one job (this process), else `jobs` processes, or the Dask cluster at an address."""
     if scheduler is not None:
         with _cluster(scheduler) as executor:
             yield executor
@@ -123,4 +123,4 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _nothing(_: None) -> None:
-    """What a process begins with: its planner comes with its first task."""
+    """Begin a worker process with nothing: its planner is made with its first task."""

@@ -3,16 +3,16 @@
 *Lost* means that no legal configuration of what is left serves it, whatever else would have to be given up. That is
 monotone: more faults leave fewer configurations (`heronry_dg.losses`), so every set that contains a cut set loses the
 function, too, and the smallest ones tell everything. It does not depend on the phase, nor on what else is wanted:
-whoever serves a function beside others can serve it alone.
+a configuration that serves a function beside others can serve it alone, too.
 
-    logical     the graph cannot: not even with CPU, memory, bandwidth and time without end, and no placement rules
+    logical     the graph cannot: not even with unlimited CPU, memory, bandwidth and time, and no placement rules
     resources   the survivors cannot: with what PEs and buses can carry
 
 Every logical cut set loses the function with real resources, too; some are not the smallest any more then.
 
 What the best plan of a phase *gives up* for something more important is another matter. It is not monotone: one more
-fault may take that something away, and the function comes back. It is asked of a sweep, and the smallest sets say
-nothing of those that contain them.
+fault may take that something away, and the function comes back. It is read from a sweep, and the smallest sets do not
+tell about the sets that contain them.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -37,7 +37,7 @@ class CutSets:
 
 
 def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], None] = lambda _: None) -> CutSets:
-    """Find all cut sets of a function up to the scope's number of faults; `advance` hears of sets looked at."""
+    """Find all cut sets of a function up to the scope's number of faults; `advance` counts the sets examined."""
     logical, resources = (
         tuple(_smallest(Servable(planned, function), scope, advance)) for planned in (without_limits(spec), spec)
     )
@@ -63,7 +63,7 @@ class Servable:
         self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
-        """Tell whether some legal configuration serves it; raises UserError where that cannot be found out."""
+        """Tell whether some legal configuration serves it; raises UserError where the search does not decide that."""
         if self._planning.survives((self._function,), down):
             return True
         rest = what_is_left(survivors(self._planning.spec, Situation(down)))
@@ -71,7 +71,7 @@ class Servable:
             answer = self._planning.all_at_once((self._function,), down)
             if not answer.proven:
                 lost = ", ".join(sorted(down)) or "nothing"
-                raise UserError(f"with {lost} down it was not found out whether {self._function} can be served")
+                raise UserError(f"with {lost} down the search did not decide whether {self._function} can be served")
             self._by_rest[rest] = answer.configuration is not None
         return self._by_rest[rest]
 

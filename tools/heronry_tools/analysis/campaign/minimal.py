@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 
 def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
-    """Keep the sets of which no proper part is there; the smaller ones first, else in their order."""
+    """Keep the sets that contain no other one; the smaller ones first, else in their order."""
     found: list[frozenset[str]] = []
     for one in sorted(dict.fromkeys(sets), key=len):
         if not any(known < one for known in found):

@@ -149,7 +149,7 @@ def _grid_line(y: float, label: str) -> str:
 
 
 def _dot(x: float, y: float, share: float) -> str:
-    """A mean, which its title tells in words where a reader points at it."""
+    """A mean as a dot; its title shows the number under the pointer."""
     return f'<circle class="dot" cx="{x:.1f}" cy="{y:.1f}" r="3.5"><title>mean {share:.1%}</title></circle>'
 
 

@@ -1,9 +1,9 @@
 """How likely faults are: from `rate_per_h`, to first order.
 
 A set of faults that all come within one hour has about the product of their rates as its probability; a function is
-lost with about the sum over the smallest sets that lose it. Both are a little too much (rates are small, and sets
-overlap), so they are bounds from above as long as every rate is given. Where one is missing, what is known is a bound
-from below and says so.
+lost with about the sum over the smallest sets that lose it. Both are slightly too large (rates are small, and sets
+overlap), so they are upper bounds as long as every rate is given. Where one is missing, the result is a lower bound,
+and is marked so.
 """
 
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""A campaign in words and as JSON."""
+"""A campaign as text and as JSON."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ _OFFENCES_SHOWN = 20
 
 
 def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write tables, one paragraph a phase, and what became of the requirements."""
+    """Write tables, one paragraph a phase, and whether the requirements hold."""
     kinds = f"up to {scope.faults} faults of {len(scope.elements)} elements"
     lines = [f"{spec.name}: {kinds}, {scope.set_count()} fault sets in each phase"]
     for one in surveys:

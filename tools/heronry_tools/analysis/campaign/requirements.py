@@ -1,4 +1,4 @@
-"""What a campaign can be asked to guarantee: `A after 1`, `elevator after 2`, `B after 1 in glide`.
+"""Requirements that a campaign checks: `A after 1`, `elevator after 2`, `B after 1 in glide`.
 
 WHAT after N [in PHASE]: every function of class WHAT (or the function WHAT) that the phase wants is served after every
 set of up to N faults. Without a phase, in every phase that the campaign covers.
@@ -37,7 +37,7 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Offence:
-    """A smallest set of faults after which something is not served that should be."""
+    """A smallest set of faults after which a required function is not served."""
 
     phase: Phase
     down: FaultSet

@@ -15,9 +15,9 @@ KINDS: Final = ("pe", "device", "module", "bus", "channel")
 
 
 def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --faults, --phase, --kinds and who does the work."""
+    """Add --faults, --phase, --kinds, and --jobs or --scheduler."""
     parser.add_argument(
-        "--faults", metavar="N", type=int, help="up to so many at once (default: the spec's contingency.faults)"
+        "--faults", metavar="N", type=int, help="up to N faults together (default: the spec's contingency.faults)"
     )
     parser.add_argument(
         "--phase",
@@ -33,30 +33,30 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
-    """Work out what is covered; raises UserError."""
+    """The scope from the command line; raises UserError."""
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
 
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
         raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
-    asked = arguments.phase or phases_of(spec)
-    phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
+    wanted = arguments.phase or phases_of(spec)
+    phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in wanted))
     kinds = kinds_of(arguments.kinds)
     return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Phases that a spec wants planned ahead: those it names, else all, or the only state of a spec without."""
+    """Phases that a spec wants planned ahead: those it names, else all, or None for a spec without phases."""
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 
 def feasible(scope: "Scope") -> "Scope":
-    """Give a scope back if it can be gone through in a lifetime; raises UserError."""
+    """Return a scope if it has at most MOST_SETS sets; raises UserError."""
     sets = scope.set_count() * len(scope.phases)
     if sets > MOST_SETS:
         less = "fewer faults at once, fewer phases, or fewer --kinds of elements"
-        raise UserError(f"these are {sets} sets of faults, and {MOST_SETS} is the most that is tried: ask for {less}")
+        raise UserError(f"there are {sets} sets of faults, and at most {MOST_SETS} are tried: choose {less}")
     return scope
 
 
@@ -74,7 +74,7 @@ def cpus() -> int:
 
 
 def kinds_of(text: str | None) -> tuple[str, ...]:
-    """Kinds of elements that are looked at; raises UserError."""
+    """Kinds of elements to fail; raises UserError."""
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))

@@ -1,7 +1,7 @@
 """What survives how many faults: the figures of a campaign, from the outcomes of its sweep.
 
 Every fault set of a size counts alike, however likely it is. A function is lost where the best plan does not serve it,
-be it that nothing can, or that what is left goes to something more important.
+be it that no plan can, or that the remaining resources go to a more important function.
 """
 
 from collections import Counter
@@ -25,7 +25,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Grade:
-    """What is left after so many faults."""
+    """What is left after a number of faults."""
 
     faults: int
     sets: int

@@ -1,4 +1,4 @@
-"""A sweep put together: a crew that plans, a journal that keeps, progress on the screen, and the file it is for."""
+"""A whole sweep: workers that plan, a journal that keeps their answers, progress on the screen, the file."""
 
 import sys
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ class Written:
 
 
 def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal | None = None) -> Sweep:
-    """Plan for every fault set of a scope; what a journal knows already is not planned again."""
+    """Plan for every fault set of a scope; what a journal has already is not planned again."""
     known = {} if journal is None else journal.known
     swept = Sweep(spec, scope)
 
@@ -54,25 +54,25 @@ def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal 
 
 def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
     """Number what a sweep of this scope has found, and add the safe mode of each phase."""
-    from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - whoever only judges needs no solver
+    from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - verifying alone needs no solver
 
     safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
     return contingencies(spec, scope, swept.outcomes, safe_modes)
 
 
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
-    """Write the contingency file of a scope; what a killed run has found, FILE.partial, is gone on with.
+    """Write the contingency file of a scope; go on from FILE.partial, which a killed run has left.
 
     Raises UserError where it cannot be written, and JournalError while another run writes it.
     """
     expect_writable(file)
     with Journal(file.with_name(f"{file.name}.partial"), spec, scope) as journal:
         if journal.known:
-            print(f"heronry: {journal.file} goes on with {len(journal.known)} plans", file=sys.stderr)
+            print(f"heronry: continuing {journal.file}, which has {len(journal.known)} plans", file=sys.stderr)
         try:
             swept = sweep(spec, scope, executor, journal)
         except KeyboardInterrupt:
-            print(f"heronry: stopped; the same command goes on from {journal.file}", file=sys.stderr)
+            print(f"heronry: stopped; the same command continues from {journal.file}", file=sys.stderr)
             raise
         made = numbered(spec, scope, swept)
         data = to_bytes(made, spec)

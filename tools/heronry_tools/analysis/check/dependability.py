@@ -1,8 +1,8 @@
-"""DG4xx looked for: single faults, by asking the planner, and redundancy that is none, by looking at the graph.
+"""The check of DG4xx: single faults, by planning, and redundancy that is none, from the graph.
 
-Each finding stands where it would be mended or accepted: a loss at the element that takes the functions along, a gate
-at its first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) has no order on its
-buses; the planner is not asked about it.
+Each finding stands where it would be fixed or accepted: a loss at the element that fails, a gate at its first input, a
+placement rule at the rule. A spec with more sources than identifiers (DG505) has no order on its buses, and is not
+planned.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _single_faults(subject: Subject, findings: Findings) -> None:
-    from heronry_tools.analysis.check.servable import Planning  # noqa: PLC0415 - loads the solver; listing the rules needs none
+    from heronry_tools.analysis.check.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
     from heronry_tools.analysis.check.single_faults import losses  # noqa: PLC0415
 
     for loss in losses(Planning(subject.spec)):
@@ -60,7 +60,7 @@ def _single_faults(subject: Subject, findings: Findings) -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Functions that are of some classes in phases in which they are lost, the most critical first, and the words."""
+    """Functions that are of these classes in a phase in which they are lost, the most critical first, each as text."""
     words: dict[str, list[str]] = {}
     for level in classes:
         for name, at in functions.items():
@@ -80,7 +80,7 @@ def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping
 
 
 def _redundancy(subject: Subject, findings: Findings) -> None:
-    """Look at every DEMUX, XOR and voter."""
+    """Check every DEMUX, XOR and voter."""
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
         shared = dependence.of_branches(demux)
@@ -133,7 +133,9 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
         for one, other in combinations(group, 2):
             if bound[one] == bound[other]:
                 sentence = f"'{one}' and '{other}' are to be separate here, and together by other rules"
-                findings.add(rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of them ever runs: remove a rule")
+                findings.add(
+                    rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of them can run at a time: remove a rule"
+                )
         _room_to_separate(spec, findings, place, group)
     for index, group in enumerate(spec.together):
         at_home = {name: set(homes(spec, name)) for name in group}
@@ -145,7 +147,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
 
 
 def _bound_together(spec: Spec) -> dict[str, str]:
-    """One name for all modules that `together` binds, directly or through others."""
+    """By module, the name of its group: modules that `together` binds, directly or through others, have one."""
     bound = {name: name for name in spec.modules}
     for group in spec.together:
         joined = {bound[name] for name in group}
@@ -159,12 +161,12 @@ def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Seque
     immediate = sum(_placed(spec, name, placed, set()) for name in homed)
     if immediate < len(homed):
         named = listed(f"'{name}'" for name in homed)
-        sentence = f"of {named} at most {immediate} can run at once on PEs of their own"
+        sentence = f"of {named} at most {immediate} can run together on PEs of their own"
         findings.add(rules.SEPARATE_WITHOUT_ROOM, place, sentence, ", ".join(_where(spec, name) for name in homed))
 
 
 def _placed(spec: Spec, module: str, placed: dict[str, str], tried: set[str]) -> bool:
-    """Find a PE for a module alone, moving others if need be (augmenting paths)."""
+    """Find a PE that no other module has, moving others if needed (augmenting paths)."""
     for pe in homes(spec, module):
         if pe not in tried:
             tried.add(pe)

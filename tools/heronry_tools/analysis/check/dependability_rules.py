@@ -1,8 +1,8 @@
-"""DG4xx: dependability. What one fault takes away, and redundancy that is none.
+"""DG4xx: dependability. Functions that one fault loses, and redundancy that is none.
 
-Looked for by dependability.py in a spec that loads. These are warnings: many an aircraft has one engine. Who accepts a
-single point of failure says so where the element is declared, with an ignore comment and its reason; who accepts none
-raises the codes to errors. How a rule is added is shown in heronry_dg/rules/rule.py.
+dependability.py checks them in a spec that loads. They are warnings: many an aircraft has one engine. An engineer who
+accepts a single point of failure says so where the element is declared, with an ignore comment and its reason; a
+project that accepts none raises the codes to errors. How a rule is added is shown in heronry_dg/rules/rule.py.
 """
 
 from typing import Final
@@ -12,8 +12,8 @@ from heronry_dg.rules.samples import DRIVER, RUNS
 
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
-_ASKED: Final = (
-    "The planner is asked for the best plan without the element, in every phase in which all that is critical fits "
+_PLANNED: Final = (
+    "The planner makes the best plan without the element, in every phase in which all critical functions fit "
     "with everything up."
 )
 _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds nothing."
@@ -94,8 +94,8 @@ LOST_WITH_HARDWARE = FAMILY.warning(
     "DG401",
     "lost-with-hardware",
     what="A function of class A or B is lost when one PE, device or bus fails.",
-    why="One fault is what every flight must expect. What has no second way, and what has one for which there is no "
-    f"room, is told alike. {_ASKED}",
+    why="Every flight must expect one fault. A function without an alternative, and one whose alternative has no "
+    f"room, are reported alike. {_PLANNED}",
     fix="Double the device on another PE (a DEMUX chooses between actuators), give the bus `channels: 2`, let modules "
     "run on more PEs or with less, or accept it with a reason: `# dg: ignore[DG401] one engine`.",
     bad=_doubled("A", pitot_pe="nav"),
@@ -105,8 +105,8 @@ LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     "DG402",
     "lesser-lost-with-hardware",
     what="A function of class C or D is lost when one PE, device or bus fails.",
-    why=f"It is told apart from DG401, so that one of them can be an error and the other accepted. {_ASKED}",
-    fix="As for DG401; or make the function class E, if nobody depends on it.",
+    why=f"It has a code of its own beside DG401, so that one can be an error and the other accepted. {_PLANNED}",
+    fix="As for DG401; or make the function class E, if nothing depends on it.",
     bad=_doubled("C", pitot_pe="nav"),
     good=_doubled("C", pitot_pe="tail"),
 )
@@ -115,7 +115,7 @@ LOST_WITH_MODULE = FAMILY.warning(
     "lost-with-module",
     what="A function of class A or B is lost when one module fails, though all hardware works.",
     why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
-    f"where the same is told of their device. {_ASKED}",
+    f"where their device has the same finding. {_PLANNED}",
     fix="Add a second module that gives the same variable, best of another design, if need be in a worse version; or "
     "accept it with a reason.",
     bad=_smoothed("A", "smoother"),
@@ -125,8 +125,8 @@ LESSER_LOST_WITH_MODULE = FAMILY.warning(
     "DG404",
     "lesser-lost-with-module",
     what="A function of class C or D is lost when one module fails, though all hardware works.",
-    why=f"It is told apart from DG403, so that one of them can be an error and the other accepted. {_ASKED}",
-    fix="As for DG403; or make the function class E, if nobody depends on it.",
+    why=f"It has a code of its own beside DG403, so that one can be an error and the other accepted. {_PLANNED}",
+    fix="As for DG403; or make the function class E, if nothing depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
 )
@@ -154,7 +154,7 @@ VOTER_SHARES = FAMILY.warning(
     "DG412",
     "voter-shares",
     what="A voter (k of n inputs, 2 <= k < n) has fewer than three sources of which no two are lost with one element.",
-    why="A vote outnumbers one liar. Inputs that share a PE, a sensor or a module can lie or fall silent together, and "
+    why="A vote overrules one wrong input. Inputs that share a PE, a sensor or a module can be wrong together, and "
     "then they are the majority.",
     fix="Bring each input from a PE and a sensor of its own.",
     bad=_voter("tail"),
@@ -163,8 +163,8 @@ VOTER_SHARES = FAMILY.warning(
 SEPARATE_AND_TOGETHER = FAMILY.warning(
     "DG420",
     "separate-and-together",
-    what="Two modules are to be separate by one rule and together by others.",
-    why="Both rules hold for modules that run, so only one of the two ever runs beside the other's absence.",
+    what="One rule separates two modules, and others put them together.",
+    why="Both rules hold for modules that run, so the two never run at the same time.",
     fix="Remove one of the rules.",
     bad=_smoothers("separate: [[one, two]]\ntogether: [[one, two]]\n"),
     good=_smoothers("separate: [[one, two]]\n"),
@@ -172,8 +172,8 @@ SEPARATE_AND_TOGETHER = FAMILY.warning(
 SEPARATE_WITHOUT_ROOM = FAMILY.warning(
     "DG421",
     "separate-without-room",
-    what="Modules are to be on different PEs, and there are not enough PEs on which they fit.",
-    why="Some of them never run beside the others. A rule that was to protect redundancy takes it away.",
+    what="Modules must be on different PEs, and there are not enough PEs on which they fit.",
+    why="Some of them never run beside the others: the rule defeats the redundancy it protects.",
     fix="Let one of them run elsewhere, or remove it from the rule.",
     bad=_choice("nav").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
     good=_choice("tail").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
@@ -181,8 +181,8 @@ SEPARATE_WITHOUT_ROOM = FAMILY.warning(
 TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
-    what="Two modules are to be on one PE, and no PE fits both.",
-    why="Only one of the two ever runs. Of two branches of a DEMUX that is so anyway, and the rule only keeps others "
+    what="Two modules must be on one PE, and no PE fits both.",
+    why="The two never run at the same time. Two branches of a DEMUX never do; there the rule only keeps others "
     "that it names from running beside one of them.",
     fix="Remove the one that cannot follow from the rule, or write a rule of its own for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",

@@ -1,8 +1,9 @@
 """What alternatives have in common, seen from the graph alone: DG410 to DG412.
 
-An expression depends on an element when it could not hold without it, were resources endless (`heronry_dg.why_not`
-works that out). Alternatives that all depend on one element are none. Left out is what takes their reader along, for
-then nobody misses them, and the manager's bus, without which nothing runs.
+An expression depends on an element when it could not hold without it even with unlimited resources
+(`heronry_dg.why_not` computes that). Alternatives that all depend on one element are none. Left out are elements whose
+loss stops the reader, too, since then no module misses the alternatives, and the manager's bus, without which nothing
+runs.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +16,7 @@ from heronry_dg.situation import Situation, elements
 from heronry_dg.why_not import Feasible, feasible
 
 INDEPENDENT_SOURCES = 3
-_NEVER_LOST = 10**9  # a round after all others
+_NEVER_LOST = 10**9  # the last round
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class Dependence:
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
 
     def shown(self, shared: frozenset[str]) -> str:
-        """Name what is shared; not the PE of a shared device, nor the driver of one, which say the same again."""
+        """Name what is shared, but not the PE or the driver of a shared device, which would repeat it."""
         spec = self.spec
         implied = {f"pe:{device.pe}" for device in spec.devices.values() if f"device:{device.name}" in shared}
         implied |= {f"module:{m.name}" for m in spec.modules.values() if f"device:{m.device}" in shared}

@@ -1,9 +1,9 @@
-"""All families of rules, and who looks for those that the loader does not.
+"""All families of rules, and the checks of those that the loader does not check.
 
-The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Everything else is looked
-for by a function `check(subject, findings)`, one per family, in a spec that loads. A family that solves keeps its rules
-and its check in files of this folder, and imports the planner inside its functions: to list a rule nobody needs a
-solver. Its check is imported when it is called, since `check --fast` wants to be fast from its first instruction on.
+The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Everything else is
+checked by a function `check(subject, findings)`, one per family, in a spec that loads. A family that solves keeps its
+rules and its check in files of this folder, and imports the planner inside its functions: listing a rule needs no
+solver. Its check is imported when it is called, which keeps `check --fast` fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """

@@ -1,7 +1,7 @@
 """DG3xx: resources. With everything up, what is wanted has room, bandwidth and time.
 
-Looked for by resources.py in a spec that loads. Every rule speaks of the system with nothing down: what is lost with a
-fault is told by DG4xx. How a rule is added is shown in heronry_dg/rules/rule.py.
+resources.py checks them in a spec that loads. Every rule is about the system with nothing down: DG4xx is about faults.
+How a rule is added is shown in heronry_dg/rules/rule.py.
 """
 
 from typing import Final
@@ -11,9 +11,7 @@ from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS
 
 FAMILY: Final = Family("DG3", "resources: room, bandwidth, deadlines", fast=False)
 
-_CHECKED: Final = (
-    "Whatever the planner does, this spec cannot do what it promises, so it is said before anything flies."
-)
+_CHECKED: Final = "With no plan can this spec do what it promises, so it is reported before a flight."
 
 
 def _display_with(cpu: str) -> str:
@@ -80,8 +78,8 @@ CRITICAL_DO_NOT_FIT = FAMILY.error(
     "DG303",
     "critical-do-not-fit",
     what="With everything up, not all functions of class A to D that a phase wants can be served at once.",
-    why="Degrading is for faults. A system that gives up a critical function on a good day has none to spare on a bad "
-    "one. The best plan is asked; it serves the function alone, and not beside the others.",
+    why="Degradation is for faults. A system that gives up a critical function without one has no reserve for one. "
+    "The best plan can serve the function alone, but not beside the others.",
     fix="Give the PEs more room, let modules need less or add smaller modes, lower a criticality to E, or set the "
     "priority to 0 in that phase.",
     bad=_two_functions("0.95"),
@@ -102,7 +100,7 @@ BUS_OVERLOADED = FAMILY.error(
     what="What must cross a bus, wherever modules are placed and whichever modes they take, is more than it may carry.",
     why="Data may take max_load - reserve of the bit rate, in frames of the greatest length. Counted is only what is "
     "forced: data that a function cannot do without, from PEs on one side of the bus to PEs on the other, at the "
-    "lowest rate of those who give it.",
+    "lowest rate of the modules that give it.",
     fix="Lower the rates, add a slower mode, bring producer and consumer to one PE, or raise the bit rate.",
     bad=_slow_bus("60"),
     good=_slow_bus("10"),

@@ -1,12 +1,12 @@
-"""DG3xx looked for: room, bandwidth and time for what is wanted, with everything up.
+"""The check of DG3xx: room, bandwidth and time for what is wanted, with everything up.
 
 What needs no solver comes first: modules beside PEs, the reserve beside management, and the traffic that is forced.
-Then the planner is asked (servable.py). Causes are told once: a function whose module fits nowhere, or whose data
-overloads a bus by itself, is not looked at again; one that only deadlines keep from being served is told as late; and
-one that could not be served with resources without end is left to the rules of the graph.
+Then the planner is used (servable.py). Each cause is reported once: a function whose module fits nowhere, or whose data
+overloads a bus by itself, is not checked again; one that only deadlines keep from being served is reported as late; and
+one that could not be served with unlimited resources is left to the rules of the graph.
 
 A spec with more sources than identifiers (DG505) has no order on its buses, and one whose management takes all of a bus
-(DG307) no time; the planner is not asked about them.
+(DG307) no time; neither is planned.
 """
 
 from collections.abc import Collection, Iterable
@@ -46,7 +46,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _fits(subject: Subject, findings: Findings, module: Module) -> None:
-    """Hold each mode of a module against the PEs on which it may run."""
+    """Compare each mode of a module with the PEs on which it may run."""
     spec = subject.spec
     hosts = hosts_when_all_is_up(spec, module)
     large = [mode for mode in module.modes.values() if not any(fits(spec, module, mode, pe) for pe in hosts)]
@@ -63,10 +63,10 @@ def _fits(subject: Subject, findings: Findings, module: Module) -> None:
 
 def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:
     if not hosts:
-        asked = [f"feature {name}" for name in sorted(module.requires)]
-        asked += [f"device {module.device}"] if module.device is not None else []
-        asked += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
-        return f"none meets what it asks for, {listed(asked)}" if asked else "there is none"
+        required = [f"feature {name}" for name in sorted(module.requires)]
+        required += [f"device {module.device}"] if module.device is not None else []
+        required += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
+        return f"none has what it requires, {listed(required)}" if required else "there is none"
     least = min(module.modes.values(), key=lambda mode: (mode.cpu_millis, mode.ram))
     return _too_large(spec, module, least, hosts)
 
@@ -84,7 +84,7 @@ def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
 
 
 def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
-    """Hold the reserve of a bus against what management sends there all the time."""
+    """Compare the reserve of a bus with what management sends there all the time."""
     reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
     if own + passing <= reserved:
         return
@@ -124,7 +124,7 @@ class _Serving:
     """Which functions cannot be served with everything up, and for which of the possible reasons."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
-        from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules needs not
+        from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
 
         self._subject, self._findings, self._spec = subject, findings, subject.spec
         self._phases = phases(self._spec)
@@ -135,7 +135,7 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Look at all that is critical in any phase; where that does not fit, at each function and phase."""
+        """Check all that is critical in any phase together; where that does not fit, each function and phase."""
         possible = self._planning.possible(_union(self._wanted.values()))
         critical = _union(self._critical.values()) & possible
         fitting = critical if self._planning.all_at_once(critical).configuration is not None else frozenset[str]()
@@ -145,7 +145,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served by itself, and say why."""
+        """Tell whether a function cannot be served by itself, and report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -154,7 +154,7 @@ class _Serving:
             self._tell_late(late, f"'{name}'")
         elif not self._overloads([name], wanted) and not self._unlimited.all_at_once([name]).impossible:
             sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
-            hint = "its modules fit one by one, not together: look at PEs, buses and placement rules on its way"
+            hint = "its modules fit one by one, not together: check PEs, buses and placement rules on its way"
             self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence, hint)
         return True
 
@@ -181,7 +181,7 @@ class _Serving:
             f"function '{name}' (class {classes}) finds no room beside the other critical ones{when}, "
             "with everything up"
         )
-        hint = "give the PEs more room, or let modules need less; `heronry plan` shows who has it"
+        hint = "give the PEs more room, or let modules need less; `heronry plan` shows which modules have it"
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
@@ -204,7 +204,7 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Show the data that would be late in a configuration that serves what no legal one does."""
+        """Report the data that would be late in a configuration that serves what no legal one does."""
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):

@@ -1,9 +1,9 @@
-"""Questions that a check asks the planner: whether some functions can all be served, and which a phase gives up.
+"""What a check needs from the planner: whether some functions can all be served, and which a phase gives up.
 
-Everything is asked of the exact planner, and the cheap question first: a set of functions is wanted, all alike, and
-nothing else. Where all of them can be served, so they are by every best plan of any phase that wants no critical
-function besides: a level of the objective that can reach its bound does. Only where they cannot is the whole phase
-planned, with its priorities.
+The exact planner answers everything, and gets the cheap problem first: a set of functions is wanted, all alike, and
+nothing else. Where all of them can be served, every best plan of any phase that wants no other critical function serves
+them: a level of the objective that can reach its bound does. Only where they cannot is the whole phase planned, with
+its priorities.
 
 Identifiers and with them response times are those of the whole spec: that is what is on the bus.
 """
@@ -32,13 +32,13 @@ NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def without_deadlines(spec: Spec) -> Spec:
-    """Give the same spec with nothing due; what never arrives is still too late."""
+    """Return the same spec without deadlines; data that never arrive are still too late."""
     variables = {name: replace(one, deadline_ns=_NO_DEADLINE_NS) for name, one in spec.variables.items()}
     return replace(spec, variables=variables)
 
 
 def without_limits(spec: Spec) -> Spec:
-    """Give the same spec with room and time for everything, and no placement rules: what is left is logic."""
+    """Return the same spec with room and time for everything, and no placement rules: only its logic is left."""
     pes = {name: replace(pe, cpu_millis=PLENTY, ram=PLENTY, flash=PLENTY) for name, pe in spec.pes.items()}
     buses = {name: replace(bus, bitrate=PLENTY) for name, bus in spec.buses.items()}
     return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())
@@ -46,7 +46,7 @@ def without_limits(spec: Spec) -> Spec:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A configuration that serves all that was asked for; where none was found, whether none is proven to exist.
+    """A configuration that serves all required functions; without one, whether it is proven that there is none.
 
     It may serve more: with something down, one that is known from another question does as well.
     """
@@ -56,12 +56,12 @@ class Answer:
 
     @property
     def impossible(self) -> bool:
-        """Whether no configuration serves all of it."""
+        """Tell whether it is proven that no configuration serves all of them."""
         return self.proven and self.configuration is None
 
 
 class Planning:
-    """Questions about one spec."""
+    """Answers questions about one spec, and keeps what it has found."""
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -92,7 +92,9 @@ class Planning:
         if known is not None:
             return Answer(known, proven=True)
         search = Search(self.candidates_for(functions, down, least), None, self.times, _EFFORT)
-        search.run(groups=1)  # served at all comes first there, and how well second: all can be had, or all cannot
+        search.run(
+            groups=1
+        )  # there the first level is whether functions are served, and the second how well: all are, or not all can be
         if not self._serves(search.best, functions, least):
             return Answer(None, search.proven)
         self._known.append((search.best, used_elements(self.spec, search.best)))
@@ -134,7 +136,7 @@ class Planning:
     ) -> Candidates:
         """Give what may run where these functions are all that is wanted, each as much as the other.
 
-        A mode is worth 1 where it is at least as good as is asked for, and nothing otherwise.
+        A mode is worth 1 where it is at least as good as required, and nothing otherwise.
         """
         wanted = {
             name: replace(

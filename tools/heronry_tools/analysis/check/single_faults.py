@@ -1,12 +1,11 @@
-"""Which critical functions one fault takes away, by asking the planner; DG401 to DG404.
+"""The critical functions that one fault loses, found with the planner; DG401 to DG404.
 
 A function is lost with an element when the best plan with everything up serves it and the contingency plan without the
-element does not. Only phases whose critical functions all fit with everything up are looked at: what does not even fit
-then is DG303.
+element does not. Only phases whose critical functions all fit with everything up are checked: the others are DG303.
 
-Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are asked about
-once, as in a sweep. What no candidate can serve is lost. If all the others of all phases can still be served at once,
-no plan loses one of them; only where they cannot, each phase is planned.
+Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are planned once,
+as in a sweep. A function that no candidate can serve is lost. If all the others of all phases can still be served
+together, no plan loses one of them; only where they cannot, each phase is planned.
 """
 
 from collections.abc import Iterator, Mapping
@@ -31,7 +30,7 @@ class Loss:
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Every element with which something critical is lost; no module with which the same goes as with its device."""
+    """Every element with which something critical is lost; no module whose device loses the same."""
     spec = planning.spec
     critical = _fitting(planning)
     known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
@@ -46,7 +45,7 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def _single(spec: Spec) -> Iterator[str]:
-    """Elements that one fault can take away: of a replicated bus that is a channel, which nobody misses."""
+    """Elements that one fault can take away; of a replicated bus one channel, whose loss has no effect."""
     for element in elements(spec):
         kind, _, name = element.partition(":")
         if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
@@ -62,7 +61,7 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
 
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
-    """Critical functions that a fault takes away, in the spec's order."""
+    """Critical functions that a fault loses, in the spec's order."""
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
     if planning.all_at_once(possible, down).configuration is None:
@@ -74,6 +73,6 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _device_of(spec: Spec, element: str) -> str:
-    """Give the device of a module as an element; where there is none, what is none."""
+    """The device of a module as an element; for a module without one, a name that is no element."""
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

@@ -1,4 +1,4 @@
-"""What each phase of a spec wants, and how findings speak of phases."""
+"""The functions that each phase of a spec wants, and phases in the text of findings."""
 
 from collections.abc import Collection
 

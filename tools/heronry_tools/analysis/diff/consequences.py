@@ -1,10 +1,10 @@
-"""What follows from a spec in each of its phases: what is served, what it costs, and what it hangs on.
+"""What follows from a spec in each of its phases: the functions served, their load, and their single points of failure.
 
 A single point of failure of a function is one element whose loss costs it, though the healthy system serves it. Only
-critical functions (classes A to D) that the phase wants are looked at. To plan for each element would take minutes;
-most losses are settled without:
+critical functions (classes A to D) that the phase wants are examined. A plan for each element would take minutes; most
+losses are settled without one:
 
-1. What `feasible` rules out is lost, whatever anybody plans.
+1. What `feasible` rules out is lost in every plan.
 2. If a known configuration, less what died, is legal and serves all the other functions, then nothing else is lost: the
    best plan is worth no less. That holds unless the loss makes room for a function that the healthy system has to leave
    out. Idle modules in the configuration do no harm; they could be stopped.
@@ -30,7 +30,7 @@ from heronry_manager.planner.exact import plan
 class PhaseConsequences:
     """What follows in one phase with nothing down."""
 
-    served: Mapping[str, str | None]  # function -> how; None: it is not
+    served: Mapping[str, str | None]  # function -> mode and value; None: not served
     hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
     bus_bits_per_s: Mapping[str, int]
     cpu_millis: int
@@ -74,7 +74,7 @@ class Consequences:
         return {name: tuple(culprits) for name, culprits in costs.items()}
 
     def _lost(self, spec: Spec, now: Situation, critical: list[Function]) -> list[str]:
-        """Critical functions that nobody serves in a situation."""
+        """Critical functions that no plan serves in a situation."""
         found = feasible(spec, now)
         can_run = [f for f in _critical(spec, now.phase) if any(found.can_run(spec.modules[one]) for one in f.outputs)]
         possible = [function for function in can_run if function in critical]
@@ -111,7 +111,7 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """What of a configuration can go on by itself: no module without a PE, no wire without a giver."""
+    """The part of a configuration that still works: no module without a PE, no wire without a giver."""
     left = survivors(spec, now)
     modules = {
         name: running

@@ -1,7 +1,7 @@
 """The difference of two specs: their elements, and what follows from them phase by phase.
 
-A phase that only the new spec has is held against the old spec's first one, which is all there was for it; so is a spec
-without phases. A phase that only the old spec has follows from nothing any more.
+A phase that only the new spec has is compared with the old spec's first one, since there is no other; so is a spec
+without phases. A phase that only the old spec has is not compared.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class PhaseDifference:
-    """Old and new of whatever is not the same in a phase."""
+    """Old and new values of everything that differs in a phase."""
 
     phase: str | None
     against: str | None  # the phase of the old spec
@@ -42,7 +42,7 @@ class PhaseDifference:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Everything that a reviewer is to see."""
+    """Everything that a reviewer should see."""
 
     old: Spec
     new: Spec
@@ -78,7 +78,7 @@ def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str
 
 
 def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
-    """Of each function that both serve or that is new; what is served no more has no points to compare."""
+    """The points of each function that both specs serve, or that is new; a function no longer served has none."""
     for function, points in new.items():
         was = old.get(function, ())
         moved = Moved(

@@ -1,4 +1,4 @@
-"""What changed in the file: elements added, removed and changed, field by field, in the words of the spec.
+"""What changed in the file: elements added, removed and changed, field by field, with the keys of the spec.
 
 Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared
 map by map. A renamed element is one removed and one added. Where order carries meaning (modes, branches, phases) the
@@ -17,7 +17,9 @@ from heronry_tools.reports.render.build import accepted_versions
 
 Fields = Mapping[str, str]
 
-_UNITS: Final[Mapping[str, tuple[str, int]]] = {  # field of the model -> key of the spec, and how many make one
+_UNITS: Final[
+    Mapping[str, tuple[str, int]]
+] = {  # field of the model -> key of the spec, and the number of the model's units in one of the spec's
     "cpu_millis": ("cpu", 1000),
     "rate_mhz": ("rate_hz", 1000),
     "heartbeat_ns": ("heartbeat_ms", 1_000_000),
@@ -37,7 +39,7 @@ class FieldChange:
 
 @dataclass(frozen=True, slots=True)
 class ElementChange:
-    """One element, `kind:name`, and what became of its fields."""
+    """One element, `kind:name`, and its changed fields."""
 
     element: str
     change: Literal["added", "removed", "changed"]

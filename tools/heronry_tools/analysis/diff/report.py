@@ -1,6 +1,6 @@
-"""A difference in words, for a pull request, and as JSON, for a program.
+"""A difference as text, for a pull request, and as JSON, for a program.
 
-The text has one line a change: `+` for added, `-` for removed, `~` for changed; what did not change is not said.
+The text has one line a change: `+` for added, `-` for removed, `~` for changed; what did not change is left out.
 """
 
 import json
@@ -78,10 +78,10 @@ def _serving(spec: Spec, name: str, served: str | None) -> str:
 
 def _hangs_on_lines(function: str, moved: Moved) -> Iterator[str]:
     if moved.new:
-        yield f"  {function} now hangs on {', '.join(moved.new)}"
+        yield f"  {function} now depends on {', '.join(moved.new)}"
     if moved.gone:
         still = f"; still on {', '.join(moved.left)}" if moved.left else ""
-        yield f"  {function} no longer hangs on {', '.join(moved.gone)}{still}"
+        yield f"  {function} no longer depends on {', '.join(moved.gone)}{still}"
 
 
 def _load(spec: Spec, bus: str, bits_per_s: int) -> str:

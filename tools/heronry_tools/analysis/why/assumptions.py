@@ -1,8 +1,8 @@
-"""All that could stand in a function's way, as a list of things that could be otherwise.
+"""All that could keep a function from being served, as a list of assumptions that could be relaxed.
 
-An assumption that is *relaxed* no longer holds: an element is up again, a capacity is endless, a rule is gone, another
-function may be lost. `relaxed` gives the spec, the elements that are down and the functions that must be served when
-some are; the question is then the planner's.
+An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a rule is gone,
+another function may be lost. `relaxed` gives the spec, the elements that are down and the functions that must be served
+when some are; the planner answers the question.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -20,7 +20,7 @@ MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """One thing that could be otherwise; `name` is an element, a PE, a bus, a function, or the number of a rule."""
+    """One assumption that could be relaxed; `name` is an element, a PE, a bus, a function, or the number of a rule."""
 
     kind: Kind
     name: str
@@ -28,7 +28,7 @@ class Assumption:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Asks: can these functions, each with at least this value, be served at once, with these elements down."""
+    """Whether these functions, each with at least this value, can be served together, with these elements down."""
 
     spec: Spec
     down: frozenset[str]
@@ -53,7 +53,7 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 
 
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
-    """Ask without some assumptions."""
+    """The question without some assumptions."""
     names: dict[Kind, set[str]] = {}
     for one in without:
         names.setdefault(one.kind, set()).add(one.name)
@@ -109,7 +109,7 @@ def capacity(spec: Spec, one: Assumption) -> int:
 
 
 def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
-    """Give the same spec with another capacity."""
+    """Return the same spec with another capacity."""
     if one.kind == "bandwidth":
         bus: Bus = replace(spec.buses[one.name], bitrate=amount)
         return replace(spec, buses={**spec.buses, one.name: bus})
@@ -124,7 +124,7 @@ def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
 
 
 def in_words(spec: Spec, one: Assumption) -> str:
-    """Say what stands in the way."""
+    """An assumption as a sentence for the user."""
     match one.kind:
         case "down":
             return f"{checked_element(spec, one.name)} is down"

@@ -1,16 +1,16 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
-The plan is the best there is, so this cannot be had at once: the function (served at all where it is not, in its best
+The plan is the best, so the following is impossible: the function (served at all where it is not, in its best
 mode where it is in a worse one) beside every other function as well served as it is in the plan. Why not?
 
 *Reasons.* The assumptions (`assumptions`) make it impossible together. One after the other is left out, and stays out
 where it is impossible even so (a deletion filter). What is left is irreducible: without any one of them it would be
 possible. There may be other irreducible sets; what explains least is left out first.
 
-*Repairs.* To mend it, something of every irreducible set must go. The smallest repair is found as a smallest hitting
-set of the irreducible sets that are known; if that does not mend it, it shows a further one. Only what can be bought or
-brought back counts: elements that are down, CPU, memory, bandwidth. How much of a capacity is needed is found by
-bisection. A repair counts only if the planner, given the repaired system, really serves the function.
+*Repairs.* A repair must relax something of every irreducible set. The smallest repair is found as a smallest hitting
+set of the irreducible sets that are known; if that is no repair, it shows a further irreducible set. Only what can be
+bought or brought back counts: elements that are down, CPU, memory, bandwidth. How much of a capacity is needed is found
+by bisection. A repair counts only if the planner, given the repaired system, really serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,16 +37,16 @@ from heronry_tools.analysis.why.assumptions import (
 )
 from heronry_tools.console.errors import UserError
 
-_MOST_TRIES: Final = 40  # hitting sets looked at; the shipped specs take a few
+_MOST_TRIES: Final = 40  # hitting sets tried; the shipped specs take a few
 _MOST_PARTS: Final = 4  # elements and capacities of one repair
 
 Possible = Callable[[Iterable[Assumption]], bool]
-"""Whether the goal can be had without some assumptions."""
+"""Tells whether the goal is possible without some assumptions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """What mends it: elements that come back, and capacities with how much of them there must be."""
+    """A repair: elements that come back, and capacities with the amount that is needed."""
 
     restore: tuple[str, ...]
     capacities: tuple[tuple[Assumption, int], ...]
@@ -54,18 +54,18 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What became of a function, why, and what would mend it."""
+    """How a function is served or not, why, and what would repair that."""
 
     function: Function
     now: Situation
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all of one part, or one of as few as it takes; none: nothing helps
+    repairs: tuple[Repair, ...]  # all repairs of one part, or else one of the smallest; none: nothing helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
-    """Explain what becomes of a function in a situation, with the phase's fault-free plan running."""
+    """Explain how a function is served in a situation, with the phase's fault-free plan running."""
     healthy = plan(spec, Situation(phase=now.phase))
     found = plan(spec, now, placement(healthy.configuration)) if now.down else healthy
     report = found.functions[function.name]
@@ -77,7 +77,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
     every = assumptions(question, function.name)
-    if _is_possible(question):  # then nothing stands in its way but what it is worth
+    if _is_possible(question):  # then only its own low worth keeps it from being served
         return unknown
 
     def possible(without: Iterable[Assumption]) -> bool:
@@ -100,7 +100,7 @@ def _question(spec: Spec, found: Plan, function: Function, least: int) -> Questi
 def _is_possible(question: Question) -> bool:
     answer = Planning(question.spec).all_at_once(tuple(question.least), question.down, question.least)
     if not answer.proven:
-        raise UserError("the planner could not find out in time what is possible; ask about fewer faults")
+        raise UserError("the planner did not decide in time what is possible; give fewer faults")
     return answer.configuration is not None
 
 
@@ -163,19 +163,19 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Find out how much of each capacity it takes: of one after the other, with the rest endless until measured."""
+    """Find out how much of each capacity it takes: of one after the other, with the rest unlimited until measured."""
     capacities = [one for one in parts if one.kind in CAPACITIES]
-    mended = relaxed(question, parts)
+    repaired = relaxed(question, parts)
     needed = []
     for one in capacities:
-        amount = _least_amount(mended, one, capacity(question.spec, one))
-        mended = replace(mended, spec=with_capacity(mended.spec, one, amount))
+        amount = _least_amount(repaired, one, capacity(question.spec, one))
+        repaired = replace(repaired, spec=with_capacity(repaired.spec, one, amount))
         needed.append((one, amount))
     return Repair(tuple(one.name for one in parts if one.kind == "down"), tuple(needed))
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
-    """Find the least capacity that is enough; what there is is not."""
+    """Find the least capacity that is enough; `there_is` is not."""
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):
         too_little, enough = enough, 2 * enough
@@ -193,7 +193,7 @@ def _with(question: Question, one: Assumption, amount: int) -> Question:
 
 
 def _serves(question: Question, repair: Repair, function: Function, now: Situation) -> bool:
-    """Tell whether the best plan of the repaired system serves the function as well as was asked."""
+    """Tell whether the best plan of the repaired system serves the function as well as required."""
     spec = question.spec
     for one, amount in repair.capacities:
         spec = with_capacity(spec, one, amount)

@@ -1,9 +1,9 @@
-"""Where everything stands, in pixels: boxes that do not overlap, and edges that run between them.
+"""The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Within a column every symbol wants to stand level with what it is joined to, and no two may come closer than a gap:
-the least squares of that have an exact answer (pool adjacent violators), worked out column by column, to and fro.
-Between two columns an edge is one curve; across a column it is straight, at a height that is its own. Feedback runs
-below the graph and back.
+Within a column every symbol should stand level with what it is joined to, and no two may be closer than a gap: this
+least-squares problem has an exact solution (pool adjacent violators), computed column by column, to and fro. Between
+two columns an edge is one curve; across a column it is straight, at a height that is its own. Feedback runs below the
+graph and back.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ _ROW_GAP = 14
 _WAY_POINT = Shape(0, 2, 0, 2, (), ())
 _LANE = 12  # between feedback edges
 _SWEEPS = 80
-_FINE = 64  # heights are settled in so many parts of a pixel, or rounding would hold them up
+_FINE = 64  # heights are settled in this fraction of a pixel; coarser rounding would stop them early
 
 Point = tuple[int, int]
 
@@ -142,7 +142,7 @@ class _Placing:
         return found
 
     def _settle(self) -> None:
-        """Let every column stand where its edges are most nearly level."""
+        """Move every column to where its edges are most nearly level."""
         near: dict[str, list[tuple[str, int, int]]] = {key: [] for key in self._shapes}
         for segment in self._layers.segments:
             out, into = self._ends(segment)
@@ -189,7 +189,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Heights nearest to the wanted ones, with weights, so that nobody overlaps the next (rounded down)."""
+        """Heights nearest to the wanted ones, with weights, so that no symbol overlaps the next (rounded down)."""
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
@@ -233,7 +233,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Where an edge meets its target: a circle gives way above and below its middle."""
+        """Where an edge meets its target: farther right above and below the middle of a circle."""
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"

@@ -1,7 +1,7 @@
-"""What of a graph is dead in a situation, and what of it a plan has chosen.
+"""The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
-Dead is what could not run if resources were endless (`heronry_dg.why_not.feasible`). Chosen is what runs, and what is
-wired; a gate is chosen if it holds by what is wired below it.
+A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
+modules that run and the inputs that are wired; a gate is chosen if it holds by what is wired below it.
 """
 
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ class Marks:
         return not self.found.can_run(module)
 
     def variable_dead(self, variable: str) -> bool:
-        """Tell whether nobody can give a variable."""
+        """Tell whether no module can give a variable."""
         return all(self.mode_dead(module, mode) for module, mode in self.spec.producers(variable))
 
     def device_dead(self, device: str) -> bool:
@@ -42,7 +42,7 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether a DEMUX has nothing to hand on, or nobody to hand it to."""
+        """Tell whether a DEMUX has no input, or no branch that can run."""
         branches = (self.spec.modules[branch] for branch in demux.branches)
         return self.variable_dead(demux.variable) or all(self.module_dead(branch) for branch in branches)
 

@@ -1,4 +1,4 @@
-"""Who stands above whom in a column: layers with way-points, ordered so that few edges cross.
+"""The order of symbols within a column: layers with way-points, ordered so that few edges cross.
 
 An edge over several columns passes each of them at a way-point, so that it runs around the symbols there; all edges
 out of one symbol share their way-points, as one trunk. The order is found by barycentres, left to right and back
@@ -66,7 +66,7 @@ def _segments(graph: Graph, ranks: Ranks) -> tuple[Segment, ...]:
 
 
 def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> list[list[str]]:
-    """Columns in the order of a walk along the edges: what belongs together begins together."""
+    """Columns in the order of a walk along the edges: connected symbols begin close together."""
     neighbours: dict[str, list[str]] = {key: [] for key in graph.nodes}
     column_of = dict(ranks.of)
     for segment in segments:

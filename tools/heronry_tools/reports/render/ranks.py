@@ -1,4 +1,4 @@
-"""Which column a symbol stands in: data flows to the right, sensors stand at the left and actuators at the right.
+"""The column of each symbol: data flows to the right, sensors stand at the left and actuators at the right.
 
 A feedback edge is one out of a variable with an initial value that would close a cycle; it is left out here and drawn
 around the graph. Then two rankings are tried, everything as far left and everything as far right as it goes; each is

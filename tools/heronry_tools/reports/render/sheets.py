@@ -2,8 +2,8 @@
 
 A module stands on one sheet, and with it its gates and devices and the other branches of its DEMUX. From sheet to sheet
 data go by name: a variable stands on every sheet on which it is given or read, once as itself, where it is first given,
-and elsewhere again (dashed in the picture). Who is on which sheet follows from where it stands in the picture in one
-piece, so that data still flow from left to right, and then from top to bottom.
+and elsewhere again (dashed in the picture). The sheet of a symbol follows from its place in the picture in one piece,
+so that data still flow from left to right, and then from top to bottom.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -83,7 +83,7 @@ def _middle(group: Collection[str], middles: _Middles) -> int:
 
 
 def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
-    """The sheet on which a variable is itself: where it is first given, or first read where nobody gives it."""
+    """The sheet on which a variable is drawn solid: where it is first given, or first read where no module gives it."""
     given: dict[str, int] = {}
     read: dict[str, int] = {}
     for edge, sheet in zip(graph.edges, on, strict=True):

@@ -74,7 +74,7 @@ def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
 
 
 def _rank(graph: Graph, piece: Curve | Loop) -> int:
-    """Rank of the most lively edge on a piece: 0 dead, 1 as specified, 2 chosen."""
+    """Highest rank of the edges on a piece: 0 dead, 1 as specified, 2 chosen."""
     return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
 
 

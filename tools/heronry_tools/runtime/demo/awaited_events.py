@@ -1,6 +1,6 @@
-"""The events of one manager, as whoever measures waits for them, one after the other.
+"""The events of one manager for a benchmark, which waits for one after the other.
 
-What does not come in time, or a manager that has ended, ends the benchmark with one sentence.
+An event that does not come in time, or a manager that has ended, ends the benchmark with one sentence.
 """
 
 import time
@@ -17,12 +17,12 @@ class AwaitedEvents:
     """The events of one manager, as they come."""
 
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
-        """Nobody else may read from the stream, which is of a manager of this fleet."""
+        """Take over the stream, of a manager of this fleet; nothing else may read from it."""
         self._fleet, self._stream = fleet, EventStream(stream)
         self._come: deque[dict[str, Any]] = deque()
 
     def wait(self, *kinds: str, pe: str | None = None) -> dict[str, Any]:
-        """Give the next event of these kinds, about this PE if one is named; raises SystemExit where none comes."""
+        """Return the next event of these kinds, about this PE if one is named; raises SystemExit where none comes."""
         last, until_s = "nothing", time.monotonic() + LONGEST_S
         while True:
             while self._come:
@@ -35,7 +35,7 @@ class AwaitedEvents:
             self._read(max(0.0, until_s - time.monotonic()))
 
     def take(self) -> list[dict[str, Any]]:
-        """Give all that has come; raises SystemExit where the manager has ended."""
+        """Return the events that have come; raises SystemExit where the manager has ended."""
         self._read(0.0)
         come = list(self._come)
         self._come.clear()

@@ -1,4 +1,4 @@
-"""Which bus each bus of a spec is, in this run.
+"""The python-can bus that stands for each bus of a spec in this run.
 
 The manager's bus is what the user named with python-can's flags; else vcan0 where this machine has one; else a software
 bus. Every other bus of the spec is what `--bus NAME=[INTERFACE:]CHANNEL` says, else a software bus. Of a replicated bus
@@ -56,7 +56,7 @@ def choose(
     A bus named without an interface is SocketCAN's. Raises UserError for a bus that is named in both ways.
     """
     if spec.manager.bus in named and first is not None:
-        raise UserError(f"--bus {spec.manager.bus}: -i and -c have named that bus already; give one of the two")
+        raise UserError(f"--bus {spec.manager.bus}: -i and -c name that bus already; give only one of the two")
     choices = {}
     for name, bus in spec.buses.items():
         if name == spec.manager.bus and first is not None:
@@ -72,7 +72,7 @@ def choose(
             places = ",".join(str(folder / f"{channel}.sock") for channel in _channels(bus))
             choices[name] = BusChoice(name, "softbus", places, bus.bitrate, is_ours=True, channels=bus.channels)
     for choice in choices.values():
-        choice.configs()  # so that what does not fit is refused before anything starts
+        choice.configs()  # so that an error is found before any process starts
     return choices
 
 

@@ -1,7 +1,7 @@
-"""One bus of the spec as whoever watches a flight hears it: each frame once, of a replicated bus from either channel.
+"""One bus of the spec as an observer receives it: each frame once, of a replicated bus from either channel.
 
-Of a bus with one channel its end is an error of the flight. A replicated one is heard as the nodes hear it: a channel
-that fails is waited for.
+The end of a bus with one channel is an error of the flight. A replicated one is received as the nodes receive it: a
+channel that fails is awaited.
 """
 
 import time
@@ -43,11 +43,11 @@ class Ear:
 
     @property
     def readers(self) -> Sequence[Any]:
-        """What to wait on until something has come."""
+        """Descriptors to wait on until something has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[tuple[float, Frame]]:
-        """Give what has come: the time in seconds of the wall clock, and the frame."""
+        """Yield what has come: the time in seconds of the wall clock, and the frame."""
         if isinstance(self._bus, ReplicatedLink):
             yield from _both(self._bus)
             return

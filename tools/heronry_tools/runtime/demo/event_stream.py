@@ -12,19 +12,19 @@ _MOST_BYTES = 65536  # what a pipe holds
 
 
 class EventStream:
-    """What one manager tells; it can be waited for with `select`."""
+    """The events of one manager; `select` can wait for them."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
-        """Nobody else may read from the pipe."""
+        """Take over the pipe; nothing else may read from it."""
         self._pipe, self._unread = pipe, b""
         self.has_ended = False  # nothing will come any more
 
     def fileno(self) -> int:
-        """Give the descriptor that becomes readable when something has come."""
+        """Return the descriptor that becomes readable when something has come."""
         return self._pipe.fileno()
 
     def take(self, wait_s: float = 0.0) -> list[dict[str, Any]]:
-        """Give the events that have come; where nothing has, wait that long for it."""
+        """Return the events that have come; where none has, wait up to `wait_s` seconds."""
         if not select.select([self], [], [], wait_s)[0]:
             return []
         chunk = os.read(self.fileno(), _MOST_BYTES)

@@ -1,11 +1,11 @@
-"""The processes of a demo: hubs, the manager, every PE; started, killed for real, restored, and all gone at the end.
+"""The processes of a demo: hubs, the manager, every PE; started, killed, restored, and all ended at the end.
 
-Each process stands for a computer of its own, and a hub for a wire, which waits for nobody. So where this user may,
-they go before everything else that this computer has to do, the hubs first.
+Each process stands for a computer of its own, and a hub for a wire, which delays no frame. So, where this user is
+allowed to, they run with a higher priority than everything else on this computer, the hubs with the highest.
 
-Every child holds the read end of a pipe from here as its standard input and ends when that ends, so a demo that is
-itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and where that
-number means something (`_here`); folders whose process is gone are swept away at the next start there.
+The standard input of every child is a pipe from this process, and a child ends when that ends, so a demo that is itself
+killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the place in which
+that number is valid (`_here`); the next start there removes folders whose process is gone.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ _NAME = "heronry-demo-"
 
 
 def run_folder() -> Path:
-    """Make the folder of this run, and sweep away those of runs that are gone."""
+    """Make the folder of this run, and remove those of runs that are gone."""
     home, here = Path(tempfile.gettempdir()), _here()
     for old in home.glob(f"{_NAME}*-{here}"):
         number = old.name.removeprefix(_NAME).removesuffix(f"-{here}")
@@ -54,7 +54,7 @@ def run_folder() -> Path:
 
 
 def _here() -> str:
-    """Which process numbers are meant: containers and user-mode Linuxes may share /tmp, and have their own."""
+    """Name of the place in which process numbers are valid: containers may share /tmp, and have their own."""
     kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     space = Path("/proc/self/ns/pid").stat().st_ino
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
@@ -73,9 +73,9 @@ class Fleet:
         *,
         aloft_s: float = 0.0,
     ) -> None:
-        """Write what the manager and every PE are given: the plans made ahead and a key, where there are any.
+        """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
 
-        aloft_s: the simulated flight took off so long ago.
+        aloft_s: time in seconds since the take-off of the simulated flight.
         """
         self.folder = folder
         self._contingency_flags = [
@@ -91,7 +91,7 @@ class Fleet:
         self._managers: dict[int, subprocess.Popen[bytes]] = {}  # by node
         self._buses: Mapping[str, BusChoice] = {}
         self._tables = write_tables(spec, spec.pes, folder / "tables", made)
-        self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
+        self._plant_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
 
     def __enter__(self) -> Self:
         return self
@@ -111,7 +111,7 @@ class Fleet:
                 _prefer(hub.pid, _HUB_PRIORITY)
 
     def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
-        """Start a manager, one of two where there is a standby; gives the stream of its events."""
+        """Start a manager, active or standby; returns the stream of its events."""
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--node", str(node), *(["--standby"] if standby else [])]
         arguments += ["--state-dir", str(self.folder), "--socket", str(self.control_socket(node))]
@@ -123,11 +123,11 @@ class Fleet:
         return process.stdout
 
     def control_socket(self, node: int = FIRST_MANAGER) -> Path:
-        """Where a manager listens to its operator."""
+        """Path of a manager's control socket."""
         return self.folder / f"manager-{node}.sock"
 
     def active_manager(self) -> int:
-        """Node of the manager that reigns, as it says itself: on a busy computer the standby may have taken over."""
+        """Node-ID of the active manager, from its status: on a busy computer the standby may have taken over."""
         if len(self._managers) > 1:
             for node in self._managers:
                 with contextlib.suppress(ControlError):
@@ -137,7 +137,7 @@ class Fleet:
         return min(self._managers)
 
     def kill_manager(self, node: int | None = None) -> int:
-        """Kill a manager with SIGKILL, or the one that reigns; gives its process number."""
+        """Kill a manager, by default the active one, with SIGKILL; returns its process number."""
         process = self._managers.pop(self.active_manager() if node is None else node)
         process.kill()
         process.wait()
@@ -147,7 +147,7 @@ class Fleet:
         return process.pid
 
     def order(self, order: Order, place: str) -> None:
-        """Give an order to the manager that reigns; raises UserError, which names the place, where it refuses."""
+        """Give an order to the active manager; raises UserError, which names `place`, where the manager refuses."""
         try:
             answer = call(self.control_socket(self.active_manager()), order)
         except ControlError as error:
@@ -155,25 +155,25 @@ class Fleet:
         if not answer.done:
             raise UserError(f"{place}: {answer.sentence}")
 
-    def stop(self, who: str | int) -> None:
-        """Let a PE, or the manager with this node, stand still."""
-        self._process(who).send_signal(signal.SIGSTOP)
+    def stop(self, node: str | int) -> None:
+        """Stop the process of a PE, or of the manager with this node-ID (SIGSTOP)."""
+        self._process(node).send_signal(signal.SIGSTOP)
 
-    def go_on(self, who: str | int) -> None:
-        """Let it go on."""
-        self._process(who).send_signal(signal.SIGCONT)
+    def go_on(self, node: str | int) -> None:
+        """Let a stopped process go on (SIGCONT)."""
+        self._process(node).send_signal(signal.SIGCONT)
 
-    def _process(self, who: str | int) -> subprocess.Popen[bytes]:
-        process = self._pes.get(who) if isinstance(who, str) else self._managers.get(who)
+    def _process(self, node: str | int) -> subprocess.Popen[bytes]:
+        process = self._pes.get(node) if isinstance(node, str) else self._managers.get(node)
         if process is None:
-            raise UserError(f"{f'pe:{who}' if isinstance(who, str) else f'manager {who}'} does not run")
+            raise UserError(f"{f'pe:{node}' if isinstance(node, str) else f'manager {node}'} does not run")
         return process
 
     def start_pe(self, pe: str) -> int:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += [f"--bench-origin={self._bench_origin_ns}", *self._key_flags]
+        arguments += [f"--bench-origin={self._plant_origin_ns}", *self._key_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)
@@ -200,10 +200,10 @@ class Fleet:
         """Last line that a process wrote to its standard error."""
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
-        return lines[-1] if lines else "it said nothing"
+        return lines[-1] if lines else "it wrote no message"
 
     def close(self) -> None:
-        """End everything: in order first, by force where that does not help."""
+        """End all processes: with SIGTERM first, with SIGKILL where that does not help."""
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(signal.SIGTERM)

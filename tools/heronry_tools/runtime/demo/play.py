@@ -1,4 +1,4 @@
-"""From the arguments of `heronry demo` to a show, and everything cleaned up behind it."""
+"""From the arguments of `heronry demo` to a run, and the clean-up after it."""
 
 import argparse
 import shutil
@@ -32,7 +32,9 @@ def play(arguments: argparse.Namespace) -> int:
     last_s = faults[-1].at_s + _AFTER_LAST_ACTION_S if faults else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
     if faults and faults[-1].at_s > seconds:
-        raise UserError(f"--for {seconds:g}: it would end before what happens at {faults[-1].at_s:g} s; give it longer")
+        raise UserError(
+            f"--for {seconds:g}: the demo would end before the action at {faults[-1].at_s:g} s; give it longer"
+        )
     if arguments.key is not None:
         read_key(arguments.key)
     with ExitStack() as stack:
@@ -49,7 +51,7 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """What python-can's flags say of the manager's bus; None where they say nothing."""
+    """The manager's bus from python-can's flags; None where none is given."""
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if interface is None and channel is None:
         return None
@@ -59,7 +61,7 @@ def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
 
 
 def _try_buses(choices: Mapping[str, BusChoice]) -> None:
-    """Open and close those that are not ours; raises LinkError."""
+    """Open and close the buses that exist already; raises LinkError."""
     for choice in choices.values():
         for config in () if choice.is_ours else choice.configs():
             Link(config).close()
@@ -67,7 +69,7 @@ def _try_buses(choices: Mapping[str, BusChoice]) -> None:
 
 @contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """SIGTERM ends a demo as Ctrl-C does: in order."""
+    """Let SIGTERM end a demo as Ctrl-C does, with the clean-up."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt

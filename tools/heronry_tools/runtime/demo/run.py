@@ -1,10 +1,11 @@
-"""The demo's loop: events of the manager, frames of the buses, acts of the script, in one select loop.
+"""The demo's loop: events of the manager, frames of the buses, actions of the script, in one select loop.
 
 The show starts when the first configuration runs; its clock is the monotonic one of this machine, which the manager's
-events and the bus timestamps share. Whatever way it ends (time up, Ctrl-C, a process that died), the fleet is taken
-down by the `with` that holds it.
+events and the bus timestamps share. However it ends (time up, Ctrl-C, a process that died), the `with` that holds the
+fleet ends all processes.
 
-What the demo says of functions comes from the witness, that is from frames; what it says of plans from the manager.
+The story's sentences about functions come from the witness, that is from frames; those about plans come from the
+manager.
 """
 
 import select
@@ -26,10 +27,10 @@ from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 
-LONGEST_START_S = 120.0  # a small computer takes long to load the solver; whoever dies is seen at once
-GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
-LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
-_LOOK_S = 0.1  # how often the witness is asked for outages
+LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a process that dies is noticed immediately
+GRACE_S = 15.0  # extra time for what was begun before the time was up
+LONG_SILENCE_NS = 1_000_000_000  # silence that is reported before it is over
+_LOOK_S = 0.1  # period of the look for outages
 
 Tell = Callable[[Mapping[str, Any]], None]
 
@@ -52,7 +53,7 @@ class Show:
         self._mute = False
 
     def run(self, faults: Sequence[Fault | PhaseAction], seconds: float, record: IO[str] | None) -> int:
-        """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
+        """Run these actions, for `seconds`; returns 0 if at the end all that the plan serves is heard on the bus."""
         self._faults, self._seconds = list(faults), seconds
         with ExitStack() as stack:
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
@@ -90,10 +91,12 @@ class Show:
                 raise UserError(words)
             if self._start_ns is None and time.monotonic() - begun > LONGEST_START_S:
                 words = self._fleet.last_words("manager")
-                raise UserError(f"no configuration ran within {LONGEST_START_S:.0f} s; of the manager: {words}")
+                raise UserError(
+                    f"no configuration ran within {LONGEST_START_S:.0f} s; last message of the manager: {words}"
+                )
 
     def _over(self) -> bool:
-        """Time is up, and what was begun is finished, or has had its grace."""
+        """Tell whether the time is up, and what was begun is finished or has had its extra time."""
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
         well = self._pending is None and not self._unserved()
@@ -108,10 +111,10 @@ class Show:
         return max(0.0, min(_LOOK_S, self._faults[0].at_s - self._show_s()))
 
     def _follow(self, one: dict[str, Any]) -> None:
-        self._mute = self._mute and one["event"] != "taken_over"  # a standby tells what the manager has told already
+        self._mute = self._mute and one["event"] != "taken_over"  # a standby manager repeats events of the active one
         if self._mute:
             return
-        if one["event"] != "bus":  # the demo has told it
+        if one["event"] != "bus":  # the demo has reported it
             self._tell(one)
         match one["event"]:
             case "plan_requested":
@@ -151,7 +154,7 @@ class Show:
                 self._emit("process", pe=fault.pe, pid=self._fleet.start_pe(fault.pe), what="restored")
 
     def _kill_manager(self) -> None:
-        """Kill the one that reigns, and follow the other one from where it takes over."""
+        """Kill the active manager, and follow the other one from its take-over on."""
         victim = self._fleet.active_manager()
         self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
@@ -168,7 +171,7 @@ class Show:
                 self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
 
     def _unserved(self) -> list[str]:
-        """Functions that the plan serves and nobody hears."""
+        """Functions that the plan serves and the witness does not hear."""
         now_ns = time.monotonic_ns()
         planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
         return [name for name in planned if not self._witness.served(name, now_ns)]

@@ -17,7 +17,7 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One act: seconds after the start of the show (the first configuration runs), what, and to which PE or MANAGER."""
+    """One injected fault: seconds after the start (the first configuration runs), what, and to which PE or MANAGER."""
 
     at_s: float
     what: Literal["kill", "restore"]
@@ -26,7 +26,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, order=True)
 class PhaseAction:
-    """The operator's word: a mission phase, so many seconds after the start of the show."""
+    """An order of the operator: a mission phase, at a time in seconds after the start."""
 
     at_s: float
     phase: str
@@ -38,7 +38,7 @@ def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAction]:
 
 
 def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Fault]:
-    """Acts in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
+    """Faults in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
     faults = [_fault(spec, "kill", text) for text in kills] + [_fault(spec, "restore", text) for text in restores]
     running = {*spec.pes, MANAGER}
     for fault in sorted(faults):
@@ -53,7 +53,7 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Fault
 
 
 def default_actions(plan: Mapping[str, Any]) -> list[Fault]:
-    """Acts of a demo that was given none: the PE that runs most modules is killed, and comes back."""
+    """Faults of a demo without options: the PE that runs most modules is killed, and comes back."""
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []
@@ -77,7 +77,7 @@ def _fault(spec: Spec, what: Literal["kill", "restore"], text: str) -> Fault:
         example = f"for example pe:{next(iter(spec.pes))}@4 or manager@4"
         raise UserError(f"--{what} {text}: write it as pe:NAME@SECONDS, {example}")
     if match["element"] == MANAGER and what == "restore":
-        raise UserError(f"--restore {text}: a manager that was killed stays dead here, and the standby reigns")
+        raise UserError(f"--restore {text}: the demo does not restart a manager; the standby manager stays active")
     if match["element"] == MANAGER:
         return Fault(float(match["seconds"]), what, MANAGER)
     try:

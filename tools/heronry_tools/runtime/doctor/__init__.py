@@ -1,1 +1,1 @@
-"""What `heronry doctor` looks at, one file per place: the interface, the bus, the computer."""
+"""The checks of `heronry doctor`, one file per place: the interface, the bus, the computer."""

@@ -1,4 +1,4 @@
-"""Is this computer fit to be a node: what Python and which packages it has, and whether its kernel knows CAN."""
+"""The check of this computer: its Python and packages, and whether its kernel supports CAN."""
 
 import platform
 import socket
@@ -12,7 +12,7 @@ _WELCOME = ("canopen",)  # an extra
 
 
 def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
-    """Findings about software; `needs_can`: whether the bus asked for is SocketCAN."""
+    """Findings about software; `needs_can`: whether the bus to be used is SocketCAN."""
     found = {name: _version(name) for name in (*_NEEDED, *_WELCOME)}
     told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)
     missing = [name for name in _NEEDED if found[name] is None]
@@ -20,7 +20,7 @@ def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
     yield Finding("versions", f"Python {platform.python_version()}, {told or 'no package'}", remedy)
     if needs_can and not knows_can():
         remedy = "modprobe can-raw   (or use a software bus: -i softbus, or tools/with-vcan)"
-        yield Finding("kernel", "this kernel has no CAN", remedy)
+        yield Finding("kernel", "this kernel does not support CAN", remedy)
 
 
 def knows_can() -> bool:

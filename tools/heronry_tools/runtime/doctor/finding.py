@@ -1,4 +1,4 @@
-"""One thing that was looked at: right or not, in one sentence, and what to type where it is not."""
+"""One result of a check: right or not, in one sentence, and what to type where it is not."""
 
 from dataclasses import dataclass
 
@@ -13,5 +13,5 @@ class Finding:
 
     @property
     def is_right(self) -> bool:
-        """Tell whether nothing is to be done."""
+        """Tell whether no remedy is needed."""
         return self.remedy is None

@@ -1,4 +1,4 @@
-"""Is a SocketCAN interface fit to fly on? Judged from what the kernel tells of it, and from nothing else."""
+"""The check of a SocketCAN interface, from what the kernel tells of it alone."""
 
 from collections.abc import Iterator
 
@@ -31,7 +31,7 @@ def assess_interface(name: str, interface: CanInterface | None, bitrate: int | N
 def _assess_controller(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name = interface.name
     if interface.queue_length < LEAST_QUEUE:
-        says = f"{name} queues {interface.queue_length} frames: others' tools will be refused (ENOBUFS)"
+        says = f"{name} queues {interface.queue_length} frames: other programs will fail to send (ENOBUFS)"
         yield Finding("queue", says, f"ip link set {name} txqueuelen {LEAST_QUEUE}")
     else:
         yield Finding("queue", f"{name} queues {interface.queue_length} frames, of which a node uses one")
@@ -40,7 +40,7 @@ def _assess_controller(interface: CanInterface, bitrate: int | None) -> Iterator
         return
     yield _assess_bitrate(interface, bitrate)
     if interface.restart_ms == 0:
-        says = f"Linux leaves {name} bus-off for ever; where its driver cannot restart it, let pe-agent do so"
+        says = f"Linux leaves {name} bus-off for ever; where its driver cannot restart it, pe-agent must"
         yield Finding("restart", says, f"ip link set {name} down && {_up(interface, bitrate)}")
     else:
         yield Finding("restart", f"Linux restarts {name} {interface.restart_ms} ms after bus-off")
@@ -54,12 +54,12 @@ def _assess_bitrate(interface: CanInterface, bitrate: int | None) -> Finding:
     if bitrate is not None and own != bitrate:
         says = f"{name} runs at {own} bit/s, the spec's bus at {bitrate}: each would destroy the other's frames"
         return Finding("bit rate", says, f"ip link set {name} down && {_up(interface, bitrate)}")
-    return Finding("bit rate", f"{name} runs at {own} bit/s" + (", as the spec says" if bitrate is not None else ""))
+    return Finding("bit rate", f"{name} runs at {own} bit/s" + (", as in the spec" if bitrate is not None else ""))
 
 
 def _assess_errors(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name, state = interface.name, interface.state
-    look = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
+    look = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
     if state is ControllerState.BUS_OFF:
         yield Finding("errors", f"{name} is bus-off", f"ip link set {name} down && {_up(interface, bitrate)}")
         return

@@ -1,6 +1,6 @@
-"""Listen to a bus for a while and say what is wrong on it: nobody there, two managers, two nodes with one node-ID.
+"""The check of a bus by listening for a while: no node, no manager or two, two nodes with one node-ID.
 
-Only what is heard is judged: `Hearing` takes frames and clock readings, `judge_hearing` turns it into findings.
+Only what is heard is assessed: `Hearing` takes frames and clock readings, `assess_hearing` turns them into findings.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ _STATES = {state_id(node): node for node in PE_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What a spec, or a PE's table, says of the bus."""
+    """The nodes of a bus according to a spec, or to a PE's table."""
 
     spec: str
     digest: str
@@ -39,8 +39,10 @@ class Hearing:
     errors: Counter[str] = field(default_factory=Counter)
     is_bus_off: bool = False
     terms: dict[int, int] = field(default_factory=dict)  # manager -> term
-    incarnations: dict[int, list[int]] = field(default_factory=dict)  # PE -> each time another one than before
-    on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: who is heard there
+    incarnations: dict[int, list[int]] = field(
+        default_factory=dict
+    )  # PE -> its incarnations, one entry for each change
+    on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: channel -> nodes heard there
     clock_step_ns: int = 0  # the largest step of the wall clock
     _offset_ns: int | None = None
 
@@ -66,7 +68,7 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Take note of who is heard on a channel of a replicated bus; what is said is taken once, by `take`."""
+        """Note the node that is heard on a channel of a replicated bus; `take` gets the frame itself once."""
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)
@@ -80,7 +82,7 @@ class Hearing:
 
 
 def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
-    """Findings about what was heard in so many seconds."""
+    """Findings about what was heard in `seconds`."""
     yield _assess_traffic(heard, seconds)
     yield _assess_managers(heard)
     yield from _assess_nodes(heard, expected)
@@ -88,28 +90,28 @@ def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) ->
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: frames seem older or newer"
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
     else:
-        yield Finding("clock", "the clock of this computer was not set meanwhile")
+        yield Finding("clock", "the clock of this computer was not set while listening")
 
 
 def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
-    """Finding about a replicated bus: whether everybody who is heard is heard on both channels."""
+    """Finding about a replicated bus: whether every node that is heard is heard on both channels."""
     names = {} if expected is None else expected.pes
-    everybody = set().union(*heard.on_channel.values())
+    all_nodes = set().union(*heard.on_channel.values())
     lacking = [
-        f"{', '.join(names.get(node, str(node)) for node in sorted(everybody - there))} on {channel}"
+        f"{', '.join(names.get(node, str(node)) for node in sorted(all_nodes - there))} on {channel}"
         for channel, there in heard.on_channel.items()
-        if everybody - there
+        if all_nodes - there
     ]
     if lacking:
-        remedy = "look at the wire of that channel: everybody's, where nobody is heard on it, else that node's own"
+        remedy = "check the wire of that channel: all of it, where no node is heard on it, else that node's own"
         return Finding("channels", f"not heard: {'; '.join(lacking)}", remedy)
-    return Finding("channels", f"everybody is heard on {' and on '.join(heard.on_channel)}")
+    return Finding("channels", f"every node is heard on {' and on '.join(heard.on_channel)}")
 
 
 def _assess_traffic(heard: Hearing, seconds: float) -> Finding:
     told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
     if heard.is_bus_off or heard.errors:
-        remedy = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
+        remedy = "check termination (120 ohm at both ends), wiring, and the bit rate of every node"
         return Finding("bus", f"{heard.frames} frames in {seconds:g} s, and errors{told}", remedy)
     if not heard.frames:
         return Finding(
@@ -124,15 +126,15 @@ def _assess_managers(heard: Hearing) -> Finding:
         return Finding("manager", "no manager is heard", "heronry manager SPEC -i socketcan -c can0")
     if len(heard.terms) > 1:
         return Finding(
-            "manager", f"two managers reign: {is_active}", "systemctl stop heronry-manager@SPEC   (on one of them)"
+            "manager", f"two managers are active: {is_active}", "systemctl stop heronry-manager@SPEC   (on one of them)"
         )
-    return Finding("manager", f"one manager reigns: {is_active}")
+    return Finding("manager", f"one manager is active: {is_active}")
 
 
 def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]:
     names = {} if expected is None else expected.pes
     for node, seen in sorted(heard.incarnations.items()):
-        if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer does that
+        if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer sends that
             says = f"two nodes have node-ID {node}"
             yield Finding("node-ID", says, "give one of them another node_id in the spec, and its new table")
     missing = [f"{name} ({node})" for node, name in names.items() if node not in heard.incarnations]
@@ -153,7 +155,7 @@ def assess_digests(digests: dict[int, str | None], expected: Expected | None) ->
     """Findings about the spec that each PE says its table is of; None where it did not answer."""
     silent = [str(node) for node, digest in digests.items() if digest is None]
     if silent:
-        yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "ask again on an idle bus")
+        yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "repeat on an idle bus")
     told = {node: digest for node, digest in digests.items() if digest is not None}
     wanted = expected.digest if expected is not None else next(iter(told.values()), "")
     wrong = [str(node) for node, digest in told.items() if digest != wanted]

@@ -1,7 +1,7 @@
 """A CAN bus in software: a hub process on a UNIX socket and a python-can interface, `softbus`.
 
-It stands in where the kernel has no CAN: frames contend by priority and occupy the bus for their exact time
-at its bit rate, so load and latency are those of a wire. `line.py` decides who sends and when, `hub.py`
+It is for computers whose kernel has no CAN: frames contend by priority and occupy the bus for their exact time
+at its bit rate, so load and latency are those of a wire. `line.py` decides which frame is sent and when, `hub.py`
 serves the clients, `client.py` is the python-can interface, `starter.py` starts a hub from Python, and
 `python -m heronry_tools.runtime.softbus PATH` starts one from a shell.
 """

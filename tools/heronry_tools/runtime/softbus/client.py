@@ -82,11 +82,11 @@ class SoftBus(can.BusABC):
         self._link.ask({"do": "filters", "filters": content})
 
     def statistics(self) -> BusStatistics:
-        """Ask the hub for its counters: bus load, frames, and what each client sent, received and lost."""
+        """Read the hub's counters: bus load, frames, and what each client sent, received and lost."""
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Make a bad radio of the bus, for everybody and until the next call; without arguments a good one again.
+        """Make a bad radio of the bus, for all clients and until the next call; without arguments a good one again.
 
         slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
         """
@@ -127,7 +127,7 @@ class SoftBus(can.BusABC):
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:
-        """Return nothing: a bus can be at any path, and is found by being told."""
+        """Return nothing: a bus can be at any path, so it cannot be detected."""
         return []
 
 

@@ -1,8 +1,8 @@
 """The hub: one process that is the bus. A single `select` loop, no threads, no locks.
 
-What it decides: who may connect, and when each frame that `line.py` lets through is handed to whom.
+What it decides: which clients may connect, and when each frame that `line.py` lets through goes to which client.
 
-Each round notes the time, asks the kernel for everything that has arrived by then, and only then lets the
+Each round notes the time, reads everything that has arrived by then, and only then lets the
 line advance to the noted time: no offer made earlier is overlooked. After a round that slept, the next one
 looks again without sleeping before it decides. `select` is used because its time-out counts microseconds;
 the one of `epoll` counts whole milliseconds.
@@ -13,9 +13,9 @@ date of no frame and no interval between two of them.
 A bus can be made a bad radio (`disturb`): bits take longer, receivers miss frames, each its own. The sender cannot see
 the latter: its frame has left.
 
-What if: a client is slow, stopped or dead: `port.py`. A client breaks the protocol: it is told why and
-removed. The hub dies: its clients read the end of both sockets. It restarts: they connect anew; nothing was
-stored. Two hubs, one path: `address.py`. Its starter dies, even of SIGKILL: `starter.py`.
+What if: a client is slow, stopped or dead: `port.py`. A client breaks the protocol: it gets the reason and is removed.
+The hub dies: its clients read the end of both sockets. It restarts: they connect anew; nothing was stored. Two hubs,
+one path: `address.py`. Its starter dies, even of SIGKILL: `starter.py`.
 """
 
 import ctypes
@@ -45,14 +45,14 @@ from heronry_wire.frame import Malformed
 MAX_CLIENTS = 400
 """A client takes two descriptors, and `select` takes none above 1023."""
 
-_MAX_CONNECTIONS = MAX_CLIENTS + 100  # so many more can be told that the bus is full; the rest waits
+_MAX_CONNECTIONS = MAX_CLIENTS + 100  # so many more get the answer that the bus is full; the others wait
 
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _TIMER_SLACK_NS = 1_000
 
 
 class Hub:
-    """A bus of `bitrate` (bit/s) at the UNIX socket `path`. Raises HubError when the path cannot be had."""
+    """A bus of `bitrate` (bit/s) at the UNIX socket `path`. Raises HubError when the path cannot be used."""
 
     def __init__(self, path: Path, bitrate: int) -> None:
         self._address = Address(path)
@@ -130,7 +130,7 @@ class Hub:
                 if version != PROTOCOL_VERSION:
                     problem = f"the hub speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
                 elif len(self._ports) > MAX_CLIENTS:
-                    problem = f"the bus has {MAX_CLIENTS} clients already, which is all it takes"
+                    problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit"
                 elif port.join(descriptor, wants_own=own):
                     port.answer(encode_command({"bitrate": self._line.bitrate}))
                     return None
@@ -168,7 +168,7 @@ class Hub:
             return offered
         if port.mailbox_full:
             return Malformed("a frame was offered before the last one had left the bus")
-        # The sender's clock is ours; a stamp outside of the time since the last look is not believed.
+        # The sender's clock is ours; a stamp outside of the time since the last look is not used.
         offered_ns = min(max(offered.time_ns, self._looked_ns), time.monotonic_ns())
         port.mailbox_full = True
         self._line.offer(port.number, offered._replace(time_ns=offered_ns, own=False))

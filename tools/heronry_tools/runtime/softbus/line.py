@@ -6,7 +6,7 @@ bit rate.
 
 Time is that of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer)
 and ends one frame time later; `advance` is merely told how late it is. A hub that wakes late therefore
-delivers late, and the lateness neither adds up nor steals bandwidth: the next frame has started in time.
+delivers late, and the lateness neither adds up nor reduces the bandwidth: the next frame has started in time.
 
 States: idle, or one frame on the air. A client has at most one frame offered or on the air.
 
@@ -14,7 +14,7 @@ What if: a client leaves: its offered frame is withdrawn, its frame on the air c
 controller whose processor has died. Two clients with one identifier: an error on a real bus where their
 data differ; here the one that offered first wins.
 
-The caller's promise: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`.
+The caller guarantees: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`.
 No frame is started later than `now_ns`, so no offer that comes afterwards could have won against it.
 """
 
@@ -53,7 +53,7 @@ class Line:
         self._offers[client] = (arbitration_key(offered.frame), offered)
 
     def withdraw(self, client: int) -> None:
-        """Take back the offer of a client that has left, if it has one."""
+        """Withdraw the offer of a client that has left, if it has one."""
         self._offers.pop(client, None)
 
     def next_deadline_ns(self) -> int | None:

@@ -1,9 +1,9 @@
 """The command socket of a client: one frame in the mailbox, and one answer to each command.
 
 What it decides: whether the next frame may be offered. The mailbox is full from the offer until the hub's
-`DONE` has been read, which happens when somebody sends, asks, or waits for the mailbox.
+`DONE` has been read, which happens when a caller sends, gives a command, or waits for the mailbox.
 
-Threads may share a link: a lock makes one send or ask at a time, and the time spent waiting for it counts
+Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for it counts
 towards the caller's time-out. The time-out None waits for ever, 0 not at all.
 
 What if: the hub is gone (the socket ends) or refuses this client: CanOperationError with a sentence. The hub
@@ -43,7 +43,7 @@ class Link:
         self._path = path
         self._lock = threading.Lock()
         self._mailbox_full = False
-        self._asked = 0
+        self._commands = 0
         self._answered = 0
         self._answer: dict[str, Any] = {}
 
@@ -67,8 +67,8 @@ class Link:
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)
-            self._asked += 1
-            while self._answered < self._asked:
+            self._commands += 1
+            while self._answered < self._commands:
                 if not self._take_in(deadline_s):
                     raise CanOperationError(f"{self._path}: the hub does not answer")
             return self._answer

@@ -1,12 +1,12 @@
 """One client as the hub sees it: its two sockets, its acceptance filters, its bounded receive queue.
 
-What it decides: which frames a client gets, and that a client which does not read costs nobody anything. The
+What it decides: which frames a client gets, and that a client which does not read delays no other one. The
 kernel buffers a few hundred frames for it, the port some thousands more; after that the newest are dropped
 and counted, as a controller overruns.
 
-States: a stranger until its hello has brought the receive socket; deaf until it has set its filters for the
-first time, so that nothing slips past them; then joined; gone once any call on its sockets has failed. A
-gone port does nothing more and waits for the hub to remove it.
+States: unknown until its hello has brought the receive socket; without frames until it has set its filters for the
+first time, so that none passes unfiltered; then joined; gone once any call on its sockets has failed. A gone port does
+nothing more and waits for the hub to remove it.
 """
 
 import socket
@@ -24,7 +24,7 @@ from heronry_tools.runtime.softbus.protocol import (
 )
 
 RECEIVE_QUEUE_FRAMES = 4096
-"""Half a second at 1 Mbit/s and full load: longer than a busy machine keeps a willing reader waiting."""
+"""Half a second at 1 Mbit/s and full load: longer than a busy machine delays a client that reads."""
 
 _MAX_REMEMBERED_VERDICTS = 4096
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
@@ -83,7 +83,7 @@ class Port:
         self.gone = True
 
     def join(self, receive_fd: int, *, wants_own: bool) -> bool:
-        """Take the receive socket that came with the hello, or say False if it is none."""
+        """Take the receive socket that came with the hello; False if it is none."""
         try:
             self.receive = socket.socket(fileno=receive_fd)
         except OSError:
@@ -98,7 +98,7 @@ class Port:
         self._verdicts.clear()
 
     def accepts(self, can_id: int, *, extended: bool) -> bool:
-        """Say whether this client wants an identifier; verdicts are remembered, as filters can be many."""
+        """Tell whether this client wants an identifier; answers are kept, since there can be many filters."""
         verdict = self._verdicts.get((can_id, extended))
         if verdict is None:
             if len(self._verdicts) >= _MAX_REMEMBERED_VERDICTS:
@@ -108,7 +108,7 @@ class Port:
         return verdict
 
     def confirm(self, sent: BusFrame) -> None:
-        """Empty the mailbox, as its frame has left the bus; then echo the frame to a client that asked."""
+        """Empty the mailbox, as its frame has left the bus; then echo the frame to a client that wants its echoes."""
         self.mailbox_full = False
         self._sent += 1
         self.answer(DONE)

@@ -1,4 +1,4 @@
-"""What a client and the hub of a software bus say to each other.
+"""The protocol between a client and the hub of a software bus.
 
 A client has two sockets, both SOCK_SEQPACKET, so that one record is one read:
 
@@ -99,7 +99,7 @@ class AcceptanceFilter(NamedTuple):
     extended: bool | None
 
     def accepts(self, can_id: int, *, extended: bool) -> bool:
-        """Say whether this filter lets an identifier pass."""
+        """Tell whether this filter lets an identifier pass."""
         return (self.extended is None or self.extended == extended) and not (can_id ^ self.can_id) & self.mask
 
 

@@ -1,4 +1,4 @@
-"""Start a hub as a process of its own, and be sure that it never outlives whoever started it.
+"""Start a hub as a process of its own that never outlives the process that started it.
 
 The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the
 pipe ends, and the hub with it. (The kernel's own "signal when my parent dies" is tied to the thread that
@@ -45,7 +45,7 @@ class HubProcess:
         assert self._process.stdout is not None
         if not self._process.stdout.readline():
             _, reason = self._process.communicate()
-            raise HubError(reason.strip().rpartition("\n")[2] or "the hub ended without saying why")
+            raise HubError(reason.strip().rpartition("\n")[2] or "the hub ended without a message")
 
     @property
     def pid(self) -> int:

@@ -1,8 +1,8 @@
-"""The command line of tools/with-vcan: parses, chooses where to run, and turns every ending into one exit code.
+"""The command line of tools/with-vcan: it parses, chooses where to run, and turns every ending into one exit code.
 
-Exit codes: the command's own (128 + n if signal n ended it), else 124 time ran out, 125 could not be run at all, 126
-no program, 127 not found: the numbers of timeout(1) and the shells. When a signal stops us we clean up and die of
-it.
+Exit codes: the command's own (128 + n if signal n ended it), else 124 time ran out, 125 could not be run at all, 126 no
+program, 127 not found: the numbers of timeout(1) and the shells. When a signal stops this program, it cleans up and
+ends by that signal.
 """
 
 import argparse
@@ -35,11 +35,9 @@ user-mode Linux: a Linux kernel that is an ordinary process, needs no root, and
 works on your own files. Its parts come from Debian's packages, fetched once
 (about 42 MB) into ~/.cache/heronry/uml. After that it boots in about a second.
 
-Inside and outside are alike: working folder, environment, arguments, user,
-exit code, stdout, stderr. What differs: standard input is empty, candump and
-cansend are always there, and a user-mode Linux has one CPU, 2 GiB of memory,
-its own processes, /dev, /run and network (no Internet). It is slow: it shows
-that something works, not how fast.
+Inside and outside are alike: working folder, environment, arguments, user, exit code, stdout, stderr. What differs:
+standard input is empty, candump and cansend are always there, and a user-mode Linux has one CPU, 2 GiB of memory, its
+own processes, /dev, /run and network (no Internet). It is slow: it shows that something works, not how fast.
 """
 EXAMPLES = """\
 examples:
@@ -50,12 +48,12 @@ examples:
 
 exit codes:
   the command's own (128+n: ended by signal n); 124: time ran out;
-  125, 126, 127: it could not be run, was no program, was not found (stderr says why)
+  125, 126, 127: it could not be run, is no program, was not found (stderr says why)
 """
 
 
 class _Stopped(BaseException):
-    """A signal told us to stop. Not an Exception, so that nothing on the way takes it for a failure."""
+    """A signal has come that stops this program. Not an Exception, so that no handler takes it for a failure."""
 
     def __init__(self, signal_number: int) -> None:
         super().__init__(signal_number)
@@ -138,7 +136,7 @@ def _stop(signal_number: int, _frame: FrameType | None) -> None:
 
 
 def _stop_already(_signal_number: int, _frame: FrameType | None) -> None:
-    """Do nothing: once is enough, and the way out is not to be cut short."""
+    """Ignore a further signal, so that the clean-up is not interrupted."""
 
 
 def _die_of(signal_number: int) -> NoReturn:

@@ -1,4 +1,4 @@
-"""The command a user wants to run, found and described before anything is started."""
+"""The command to run, found and described before anything is started."""
 
 import os
 import shutil
@@ -9,7 +9,7 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 class ExpiredError(Exception):
-    """The time the user gave has run out."""
+    """The command's time limit has passed."""
 
 
 class NotFoundError(CannotRunError):

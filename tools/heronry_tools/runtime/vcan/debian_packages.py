@@ -3,8 +3,8 @@
 `unpacked("user-mode-linux")` returns the folder that holds the package's files as they would lie under ``/``. A
 package is fetched once per distribution release and processor and then stays, so every later call costs one `stat`.
 
-States of a package's folder: absent, or complete. It is unpacked under a fixed staging name and renamed in one step,
-by one process at a time (a lock file, which the kernel releases when its holder dies): nobody ever sees half a
+States of a package's folder: absent, or complete. It is unpacked under a fixed staging name and renamed in one step, by
+one process at a time (a lock file, which the kernel releases when its holder dies): no process ever sees half a
 package, two callers that start together fetch it once, and what a killed fetch left is cleared by the next.
 
 The system's own package lists are tried first. If they are missing or too old (a fresh container), lists are fetched
@@ -37,7 +37,7 @@ def _release() -> str:
 
 
 def unpacked(package: str) -> Path:
-    """Return the folder with `package`'s files, fetched now if need be; raises CannotRunError with apt's reason."""
+    """Return the folder with `package`'s files, fetched now if needed; raises CannotRunError with apt's reason."""
     cache = cache_folder()
     folder = cache / package
     if folder.is_dir():
@@ -77,7 +77,7 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
 
 def _downloaded(package: str, staging: Path) -> Path:
     """Download with the system's package lists, else with lists of our own, into `staging`."""
-    as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user who may not write here
+    as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user that may not write here
     lists = staging / "lists"
     own_lists = ["-o", f"Dir::State::Lists={lists}", "-o", f"Dir::Cache={staging / 'cache'}"]
     attempt = _run(["apt-get", *as_we_are, "download", package], staging)
@@ -110,7 +110,7 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def _reason(finished: subprocess.CompletedProcess[str]) -> str:
-    """What the tool complained of, on one line."""
+    """The tool's error message, on one line."""
     lines = [line for line in finished.stderr.splitlines() if line.strip()]
     errors = [line.removeprefix("E:").strip() for line in lines if line.startswith("E:")]
     return "; ".join(errors or lines[-1:]) or f"exit code {finished.returncode}"

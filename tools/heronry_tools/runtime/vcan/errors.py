@@ -1,4 +1,4 @@
-"""The one exception of this package: something outside us is not as needed."""
+"""The one exception of this package: something outside this program is not as needed."""
 
 
 class CannotRunError(Exception):

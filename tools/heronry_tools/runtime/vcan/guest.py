@@ -1,13 +1,12 @@
-"""The first process inside a user-mode Linux: makes the CAN interfaces, runs a command, says how it ended, powers off.
+"""The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, and powers off.
 
 The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. Only json, and
 what it and a starting Python hold already, are imported (no pathlib, no subprocess, nothing of this package): an
 import costs up to 0.1 s here.
 
 States: set up -> command runs -> power off; it never goes back. Whatever fails before the command runs becomes the
-`failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no
-result. The command runs as the user who called, so that files belong to whom they should; only this process is guest
-root.
+`failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no result.
+The command runs as the calling user, so that its files belong to that user; only this process is guest root.
 """
 # ruff: noqa: PTH103, PTH104, PTH123, PTH211 - without pathlib, see above
 
@@ -63,7 +62,7 @@ def make_interfaces(job: "Job") -> None:
 def prepare_terminal(job: "Job") -> None:
     """Make the guest's terminal as wide as the user's, hand it to the user, and let bytes pass unchanged."""
     rows, columns = job["rows_columns"]
-    os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that nobody holds forgets its size
+    os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that no process holds forgets its size
     busybox(job, "stty", "-F", TERMINAL, "-opost", "rows", str(rows), "cols", str(columns))
     os.chown(TERMINAL, job["user"], job["group"])
 
@@ -83,7 +82,7 @@ def become_command(job: "Job") -> None:
     os.setgid(job["group"])
     os.setuid(job["user"])
     os.chdir(job["cwd"])
-    os.execve(job["executable"], job["argv"], job["env"])  # noqa: S606 - that is what we are for
+    os.execve(job["executable"], job["argv"], job["env"])  # noqa: S606 - starting that program is the task
 
 
 def run_command(job: "Job") -> int:

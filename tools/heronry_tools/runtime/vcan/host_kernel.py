@@ -20,7 +20,7 @@ GRACE_S = 5.0  # between asking the command to end and ending it
 
 
 class UnavailableError(Exception):
-    """This kernel has no such interface and cannot be given one by us."""
+    """This kernel has no such interface, and this program cannot make one."""
 
 
 @contextmanager
@@ -45,7 +45,7 @@ def _make(name: str) -> None:
 
 
 def _ip(*words: str) -> bool:
-    """Run ip(8); tells whether it did what it was told."""
+    """Run ip(8); tell whether it succeeded."""
     try:
         done = subprocess.run(["ip", *words], stdin=subprocess.DEVNULL, capture_output=True, check=False)
     except FileNotFoundError:

@@ -1,10 +1,10 @@
-"""What the outer program tells the first process inside a user-mode Linux, and what it is told back: two JSON files."""
+"""The job for the first process inside a user-mode Linux, and its result: two JSON files."""
 
 from typing import NotRequired, TypedDict
 
 
 class Job(TypedDict):
-    """One command and the world it is to find. All paths are the host's, which are the guest's too."""
+    """One command and its environment. All paths are the host's, which are the guest's too."""
 
     executable: str  # absolute
     argv: list[str]  # argv[0] is the name the user gave

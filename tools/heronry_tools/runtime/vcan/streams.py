@@ -1,4 +1,4 @@
-"""How what a command writes inside a user-mode Linux reaches our own stdout and stderr while it is written.
+"""The way of a command's output from a user-mode Linux to this program's stdout and stderr while it is written.
 
 Into a terminal: through a console of the guest and a pipe, so that the command sees a terminal of the same size. Into
 anything else: through a file that both sides see, followed as it grows, so that the command sees no terminal and no
@@ -40,7 +40,7 @@ class Streams:
         self._routes.append((os.open(file, os.O_RDONLY), ours))
 
     def pump(self) -> bool:
-        """Carry out what has come since the last time; tells whether there was any."""
+        """Copy what has come since the last call; tell whether there was any."""
         moved = False
         for source, sink in self._routes:
             while chunk := _read_now(source):

@@ -4,10 +4,10 @@ What it does: boots Debian's user-mode-linux with `guest.py` as its first proces
 while it is written, and returns the exit code that the guest left. No privilege is used: to the host's files the
 guest can do what its caller can.
 
-What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too
-long (ExpiredError), we are told to stop (an exception from a signal handler). In each case the guest's process group
-is killed; if we are killed ourselves, the host's kernel kills it. All traces are in one temporary folder; the guest's
-memory is an unlinked file.
+What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too long
+(ExpiredError), a signal stops this program (an exception from its handler). In each case the guest's process group is
+killed; if this program is killed itself, the host's kernel kills the guest. All traces are in one temporary folder; the
+guest's memory is an unlinked file.
 """
 
 import ctypes
@@ -125,7 +125,7 @@ def _job_folder() -> Iterator[Path]:
 
 def _roomy_folder(*, hidden_in_guest: bool) -> str:
     """A folder for the guest's memory (or for the job, which the guest must see) from which programs may be mapped."""
-    candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - asked, not assumed
+    candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - tried, not assumed
     for folder in candidates:
         if not folder.startswith("/") or len(folder.split()) != 1 or ":" in folder:
             continue  # such a name would fall apart on the kernel's command line and in LD_PRELOAD
@@ -190,7 +190,7 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Be the one who reaps what the guest leaves; a container's first process may not."""
+    """Let this process reap what the guest leaves; a container's first process may not do that."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
