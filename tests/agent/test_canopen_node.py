@@ -239,6 +239,6 @@ def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> Non
 def test_a_heartbeat_that_is_set_before_boot_up_begins_after_it() -> None:
     network = NetworkManagement(NODE, (0,), 0)
     network.set_heartbeat(SHORTEST_HEARTBEAT_MS, 0)
-    (boot_up,) = network.tick(0, configured=False, led=False)
+    (boot_up,) = network.tick(0, configured=False, managed=False)
     assert boot_up.frame.data == b"\0"
     assert network.next_ns == SHORTEST_HEARTBEAT_MS * MS
