@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from heronry_agent.core.network_management import NmtOutcome, NetworkManagement
+from heronry_agent.core.network_management import NetworkManagement, NmtOutcome
 from heronry_agent.core.node_services import NodeServices
 from heronry_agent.core.object_dictionary import Locked
 from heronry_agent.core.pe_objects import Parts, PeObjects
