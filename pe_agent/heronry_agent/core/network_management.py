@@ -28,8 +28,8 @@ from heronry_wire.canopen_objects import HEARTBEAT_MS, SHORTEST_HEARTBEAT_MS
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id
 from heronry_wire.nmt import (
+    ALL_NODES,
     ENTER_PRE_OPERATIONAL,
-    EVERYBODY,
     RESET_COMMUNICATION,
     RESET_NODE,
     START,
@@ -85,7 +85,7 @@ class NetworkManagement:
         command = decode_command(data)
         if command is None or command.code not in (*_COMMANDED, *_RESETS):
             return NmtOutcome.MALFORMED
-        if command.node not in (EVERYBODY, self._node):
+        if command.node not in (ALL_NODES, self._node):
             return NmtOutcome.NOT_MINE
         if configured or managed:
             return NmtOutcome.REFUSED
