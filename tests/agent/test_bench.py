@@ -1,4 +1,4 @@
-"""The world of the bench: the same for everybody, consistent with itself, moved by actuators, failing on command."""
+"""The plant: the same for all PEs, consistent with itself, moved by actuators, with faults on command."""
 
 import math
 import statistics

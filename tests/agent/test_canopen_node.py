@@ -111,7 +111,7 @@ def test_faults_are_in_the_error_register_and_its_history(master: Master) -> Non
     master.pe.configure(FLYING, 7)
     for module in (CONTROL, SERVO_1):
         master.pe.give(StartFailed(module, "oops"))
-    master.pe.pass_time(SECOND)  # told again and again, and written down once
+    master.pe.pass_time(SECOND)  # reported again and again, and recorded once
     assert master.sdo[0x1001].raw == 0x81
     assert [error.raw for error in master.sdo[0x1003].values()] == [
         2 << 28 | module << 16 | FaultCode.MODULE_EXCEPTION for module in (SERVO_1, CONTROL)
@@ -228,7 +228,7 @@ def test_nmt_takes_no_surface_away(master: Master, command: int) -> None:
     assert len(pe.steps[SERVO_1]) >= 40
     assert pe.ask()[0].state is PeState.ACTIVE
     assert pe.core.counts["NMT command while this PE is configured or hears a manager", 0] == 2
-    pe.pass_time(SECOND)  # the manager is gone, and what it gave goes on
+    pe.pass_time(SECOND)  # the manager is gone, and its configuration goes on
     assert master.nmt(command) == []
     assert sorted(pe.running) == [CONTROL, SERVO_1]
 

@@ -1,4 +1,4 @@
-"""Rule 6: when a PE drives what nobody else may drive at the same time, and when it stops by itself."""
+"""Protocol rule 6: when a PE drives its exclusive outputs, and when it stops by itself."""
 
 from agent.one_pe import (
     BEAT_NS,
@@ -106,7 +106,7 @@ def test_after_a_silence_a_newer_epoch_is_seen_before_the_lease_is_over() -> Non
         assert not drives(pe.pass_time(BEAT_NS))
 
 
-def test_following_settles_it_and_so_does_the_manager_who_names_our_own() -> None:
+def test_a_pe_is_authorized_again_when_it_follows_or_the_manager_names_its_own_epoch() -> None:
     pe = flying()
     pe.hear(neighbour_state(8))
     pe.command(Lease(1, 7, Step.GO_ALL, 1007))

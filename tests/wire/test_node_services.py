@@ -1,4 +1,4 @@
-"""Node services: the sessions of the vectors, told as requests and answers."""
+"""Node services: the sessions of the vectors, as requests and answers."""
 
 import pytest
 from hypothesis import given
@@ -40,7 +40,7 @@ def heard(text: str) -> ServiceMessage:
     return message
 
 
-def test_a_node_is_asked_who_it_is() -> None:
+def test_a_node_answers_an_identification_request() -> None:
     asked = request(Service.IDS, 42)
     assert encode_service(asked) == frame("080#2A000000")
     answered = answer_identification(heard("080#2A000000"), 42, Identification(1, 2))

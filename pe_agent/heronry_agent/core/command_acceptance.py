@@ -86,7 +86,7 @@ class CommandAcceptance:
         if self.mastership.admits(manager, term):
             if term != before:
                 self._settled_lease = None
-                self.turn.note("term", f"manager {manager} reigns with term {term}")
+                self.turn.note("term", f"manager {manager} is active with term {term}")
                 if before != NO_TERM:
                     self.modules.new_mastership()
             return True
