@@ -25,10 +25,10 @@ def test_a_conformance_tests_is_the_same_each_time_and_says_what_went_wrong(monk
 
 def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["pe_accepting", "who_answers_in_time_stays"]) == 0
-    assert capsys.readouterr().out == "8 of 8 drills went by the book\n"
+    assert capsys.readouterr().out == "8 of 8 conformance tests passed\n"
     with pytest.raises(SystemExit) as ended:
         main(["nothing_is_named_so"])
     assert ended.value.code == 2
     told = capsys.readouterr().err
-    assert "no drill is named so; name one of these files, or a drill in it: pe_speaking, pe_accepting, " in told
+    assert "no test has such a name; name one of these files, or a test in it: pe_speaking, pe_accepting, " in told
     assert "." not in told.partition("in it:")[2]
