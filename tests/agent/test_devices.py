@@ -142,11 +142,11 @@ def test_what_a_driver_raises_is_silence_or_a_failed_command_and_ends_nothing() 
 
 
 def test_an_echo_that_a_driver_chokes_on_ends_nothing() -> None:
-    class Deaf(RecordedDriver):
+    class Unreceptive(RecordedDriver):
         def heard(self, device: str, value: Value, now_ns: int) -> None:
             raise KeyError(device, value, now_ns)
 
-    Devices(TABLE, dict.fromkeys(("left", "right"), Deaf())).heard(Heard("rudder", 3.0), 0)
+    Devices(TABLE, dict.fromkeys(("left", "right"), Unreceptive())).heard(Heard("rudder", 3.0), 0)
 
 
 # When a device is made safe

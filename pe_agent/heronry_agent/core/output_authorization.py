@@ -9,13 +9,12 @@ pause of the process counts:
         term; the first ALIVE of the new term, a period later at most, does;
     (b) another node was heard within T_lease, by the arrival of its frame: a state frame, LEASE or ALIVE. No other
         frame counts, because these carry the evidence of (a) and (c): a PE that comes back from a pause must not trust
-        a frame that could not have told it that it was replaced. They count on the uplink alone: the manager takes a
-        gateway that is cut off from it for down, whatever the gateway hears behind itself;
+        a frame that could not have told it that it was replaced. Only frames on the uplink count: the manager takes a
+        gateway that is cut off from it for down, even if the gateway hears nodes behind itself;
     (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
         that says it was activated, or another digest under its own number. The last step of a configuration settles
         that, taken or named by LEASE: until then the PE that took over while this PE was away may not have released
         its outputs, even where this PE is given back what it drove before;
-
     (d) no other node was heard under this PE's own node-ID within T_lease: the manager may take that node for this
         one, started anew, and give the outputs of this PE to another. With a key the manager does not, and this PE
         does not check it.

@@ -291,7 +291,7 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """A partition has ended: the culprit has failed, or all modules where there is none; the others begin again."""
+        """A partition has ended: the culprit counts as failed, or all modules without one; the others begin again."""
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:
             if culprit in (None, module):

@@ -149,8 +149,8 @@ class AgentDriver:
         is_told = False
         while id_is_taken(self._links, self._table):
             if not is_told:
-                who = f"another node has taken node-ID {self._table.node_id}"
-                self._tell(Note("clash", f"{who}; this node stays silent until that node is gone"))
+                taken = f"another node has taken node-ID {self._table.node_id}"
+                self._tell(Note("clash", f"{taken}; this node stays silent until that node is gone"))
                 is_told = True
             self._service.lives(time.monotonic_ns())  # it may be silent for long, which is no failure of this service
             self._stopping = self._stopping or (self._until_eof and self._is_abandoned())

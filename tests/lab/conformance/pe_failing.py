@@ -201,7 +201,7 @@ def nothing_is_reported_while_outputs_are_held() -> None:
     pe.run(150)
     demand(bool(pe.emergencies(free_ns)), "a report is not accepted a second after outputs were held")
     _reports_while_identifiers_are_doubted()
-    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:nobody", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:none", detail=1)
     pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE))
     pe.run(10)
     began_ns = pe.run(100)
