@@ -1,1 +1,1 @@
-"""What is said on the bus: CANaerospace data, the management protocol, identifiers, and CAN timing."""
+"""All frames on the bus: CANaerospace data, the management protocol, identifiers, and CAN timing."""

@@ -1,25 +1,24 @@
-"""The key of a fleet, and the tags that only its holders can make (rule 11).
+"""The key of a fleet, and the tags that only its holders can make (protocol rule 11).
 
-A tag is keyed BLAKE2s (RFC 7693), cut to the room there is: 48 bits for a command, 24 for a state. BLAKE2s takes a key
-by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the machine of
-docs/limits.md), and its `person` and its output length, which are part of what is hashed, keep the kinds of tags apart
-from each other. It comes with Python; nothing has to be installed on a node.
+A tag is keyed BLAKE2s (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. BLAKE2s takes a
+key by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the machine
+of docs/limits.md), and its `person` and its output length, which are part of what is hashed, make the tags of different
+kinds different. It comes with Python; nothing has to be installed on a node.
 
-One key serves the whole fleet, because a command is for everybody and has room for one tag: whoever takes over one node
-holds the key. What a tag covers beside the bytes of the frame:
+One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
+one node has the key. What a tag covers beside the bytes of the frame:
 
     command   manager, kind of the command, term, number of the command in that term; of a WELCOME the nonce it answers
-    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of what it runs
-              (page 0) or has staged (page 1), whose place in the frame the tag takes. Page 0: how many of them it has
-              sent since, and, where it says FAULT_PENDING, one EMCY that waits to be acknowledged: an EMCY has no room
-              for a tag, so a state proves it
+    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of what the PE
+              runs (page 0) or has staged (page 1), whose place in the frame the tag takes. Page 0: the number of pages
+              0 since then, and, with FAULT_PENDING, one EMCY that waits to be acknowledged: an EMCY has no room for a
+              tag, so a state proves it
 
 A table that goes to a PE over the bus is *sealed* with all 32 bytes, which stand behind it: it is long, and decides
-which code runs. The text names node and spec, and nothing in it is fresh: a table that was given once may be given
+which code runs. The text names node and spec, and nothing in it is fresh: a table that was sent once may be sent
 again, to that node, while it is unlocked and waits.
 
-So no command or state that was said once is true a second time, in another place, in the other direction, or of
-another node.
+So no command or state is valid a second time, in another place, in the other direction, or of another node.
 
 States: none. A key is never printed: its fingerprint tells two of them apart.
 """
@@ -35,8 +34,8 @@ KEY_BYTES = 32
 SEAL_BYTES = 32
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
-BEAT_SPAN = 256  # page 0 shows how many there were modulo this
-PAGE_1_BEAT = 0  # pages 1 are not counted: what one says of an epoch stays true in its session
+BEAT_SPAN = 256  # page 0 shows its number modulo this
+PAGE_1_BEAT = 0  # pages 1 are not counted: the report of a page 1 on an epoch stays true in its session
 NO_EMERGENCY = b""
 MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred in a second
 
@@ -46,14 +45,14 @@ _FINGERPRINT_BYTES = 4
 
 
 class Place(NamedTuple):
-    """How far a manager has come: a term, and the number of a command in it."""
+    """Position in the commands of a manager: a term, and the number of a command in it."""
 
     term: int
     number: int
 
 
 class Session(NamedTuple):
-    """What a WELCOME opens: the states of one PE are tagged for this manager, in this term, from this number on."""
+    """A session opened by a WELCOME: the states of one PE are tagged for this manager, term and number."""
 
     manager: int
     term: int
@@ -64,7 +63,7 @@ class Key:
     """The secret of a fleet: 32 bytes."""
 
     def __init__(self, secret: bytes) -> None:
-        """Take the secret; raises WireError where it has another length."""
+        """Take the secret; raises WireError where it does not have KEY_BYTES bytes."""
         if len(secret) != KEY_BYTES:
             raise WireError(f"a key has {KEY_BYTES} bytes, this one has {len(secret)}: make one with 'heronry key'")
         self._commands = blake2s(key=secret, digest_size=COMMAND_TAG_BYTES, person=b"hrn-cmd")
@@ -88,8 +87,8 @@ class Key:
         """Tag of page 0 or 1 of a state: 24 bits.
 
         beat: number of this page 0 in its session; PAGE_1_BEAT of a page 1.
-        said: its bytes without the digest (`state_frames.split_state`).
-        emergency: the EMCY that it proves, all of its bytes.
+        said: bytes of the page without the digest (`state_frames.split_state`).
+        emergency: all bytes of the EMCY that the page proves.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))
@@ -99,11 +98,11 @@ class Key:
         return int.from_bytes(tag.digest(), "big")
 
     def sealed(self, table: bytes) -> bytes:
-        """Give the text of a table with its seal behind it: what a PE with this key takes over the bus."""
+        """Give the text of a table with its seal behind it, as a PE with this key takes it over the bus."""
         return table + self._seal(table)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Give the text of a table that was sealed with this key; None where the seal does not fit."""
+        """Give the text of a table that was sealed with this key; None where the seal is not valid."""
         table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
         return table if compare_digest(seal, self._seal(table)) else None
 
@@ -114,5 +113,5 @@ class Key:
 
 
 def next_number(after: int, low: int, span: int) -> int:
-    """First number above `after` that is `low` modulo `span`: what a few bits of a counter stand for."""
+    """First number above `after` that is `low` modulo `span`: the whole counter from its lowest bits."""
     return after + 1 + (low - after - 1) % span

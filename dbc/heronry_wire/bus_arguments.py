@@ -1,12 +1,12 @@
-"""Which python-can bus is meant, from a command line.
+"""Which python-can bus a command line names.
 
-python-can's own flags (`can.cli.add_bus_arguments`) name one bus; what no flag says is left to can.conf and CAN_*.
+python-can's own flags (`can.cli.add_bus_arguments`) name one bus; can.conf and CAN_* give what no flag gives.
 `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may hold colons itself (a path, an address): only
 the name of an interface that python-can knows counts as one.
 
-A replicated bus has two channels, named with a comma between them wherever one is: `-c can0,can1`, `--bus
-main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c can0,slcan:/dev/ttyUSB0`.
-Where a bus has one channel, a comma is part of its name.
+A replicated bus has two channels, named with a comma between them in every place that names a channel: `-c can0,can1`,
+`--bus main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c
+can0,slcan:/dev/ttyUSB0`. Where a bus has one channel, a comma is part of its name.
 """
 
 import argparse
@@ -21,11 +21,11 @@ _FLAGS = ("channel", "interface", "bitrate", "timing")
 
 
 class BusArgumentError(HeronryError):
-    """The command line does not say which bus is meant; the message is one sentence with the remedy."""
+    """The command line does not name a bus; the message is one sentence with the remedy."""
 
 
 def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `can.Bus` that python-can's flags stand for; only those that were given."""
+    """Keyword arguments of `can.Bus` from python-can's flags; only those that were given."""
     named = {flag: getattr(arguments, flag) for flag in _FLAGS if hasattr(arguments, flag)}
     return {**named, **getattr(arguments, "bus_kwargs", {})}
 
@@ -50,7 +50,7 @@ def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dic
 
 
 def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[dict[str, Any]]:
-    """Keyword arguments of `can.Bus` for each channel of a bus that has so many; raises BusArgumentError."""
+    """Keyword arguments of `can.Bus` for each of the `channels` of a bus; raises BusArgumentError."""
     if channels == 1:
         return [dict(config)]
     named = str(config.get("channel") or _default_channel(config))
@@ -62,7 +62,7 @@ def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[
 
 
 def channels_named(config: Mapping[str, Any]) -> int:
-    """How many channels are named, for whoever does not know how many there should be."""
+    """Number of channels that are named, for a caller that does not know the number of the spec."""
     return len(str(config.get("channel") or "").split(","))
 
 
@@ -77,7 +77,7 @@ def _channel(name: str) -> dict[str, str]:
 
 
 def _default_channel(config: Mapping[str, Any]) -> str:
-    """What can.conf or CAN_CHANNEL say, where no flag does."""
+    """Channel from can.conf or CAN_CHANNEL; empty where they give none."""
     try:
         return str(can.util.load_config(config=dict(config)).get("channel") or "")
     except (can.CanError, ValueError):

@@ -1,11 +1,11 @@
-"""What befalls one bus of one node, told in sentences and counted: lost and back, bus-off, passive, stuck, overrun.
+"""Link status events of one bus of one node, as sentences and counts: lost, back, bus-off, passive, stuck, overrun.
 
-    on the bus   nothing to tell; or its controller counts errors, or nothing that is sent gets out: told once, and
-                 again at the earliest after TELL_AGAIN_NS, so that what flaps does not fill the log
-    off the bus  since `off_since_ns`, for a reason that is told when it changes
+    on the bus   no event; or the controller counts errors, or no frame leaves: an event once, and again at the
+                 earliest after TELL_AGAIN_NS, so that an intermittent error does not fill the log
+    off the bus  since `off_since_ns`; an event whenever the reason changes
 
-Whoever drives a node looks at `off_since_ns`: what to do about an outage is not decided here. Nothing is decided by
-error frames but that a controller is bus-off, which is its own word; a lost or doubled one changes a count at most.
+The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames decide only that a
+controller is bus-off, which is its own report; a lost or doubled error frame changes a count at most.
 """
 
 from collections import Counter
@@ -22,10 +22,10 @@ _STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termin
 
 
 class BusHealth:
-    """What is wrong with one bus, and what has been told of it."""
+    """State of one bus, its counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
-        """`name` is what the sentences call the bus."""
+        """`name` is the name of the bus in the sentences."""
         self.name = name
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()
@@ -34,12 +34,12 @@ class BusHealth:
         self._told_ns: dict[str, int] = {}
 
     def take_link_events(self) -> list[str]:
-        """Give what is new since the last call, in sentences."""
+        """Give the link status events since the last call, as sentences."""
         link_events, self._link_events = self._link_events, []
         return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
-        """The bus cannot be used; also for every vain try to get it back."""
+        """The bus cannot be used; called again for every failed try to open it."""
         if self.off_since_ns is None:
             self.off_since_ns = now_ns
             self.counts["lost"] += 1
@@ -56,7 +56,7 @@ class BusHealth:
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
-        """The controller has said something of itself."""
+        """Take the report of an error frame of the controller."""
         self.counts.update(report.kinds)
         if report.state is not None:
             self.counts[report.state.name.lower().replace("_", "-")] += 1
@@ -64,7 +64,7 @@ class BusHealth:
             self._tell(_BAD[report.state], now_ns)
 
     def stuck(self, now_ns: int) -> None:
-        """What is sent has not got out for long."""
+        """No frame of this node has left for long."""
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:

@@ -1,7 +1,7 @@
-"""A bus opened: what python-can opens, with what to wait on, or one sentence.
+"""Opens a bus with python-can: gives the bus with its file descriptor, or an error of one sentence.
 
-Whatever a back-end raises, the caller gets LinkError. A back-end that has no descriptor cannot be waited on together
-with anything else, and is refused; a socketcand has its connection's.
+Any exception of a back-end becomes LinkError. A back-end without a file descriptor cannot be waited on together with
+others, and is refused; a socketcand has the descriptor of its connection.
 """
 
 import socket
@@ -24,17 +24,17 @@ class Opened(NamedTuple):
     """A bus that is open."""
 
     bus: can.BusABC
-    fileno: int  # readable when something has come
-    connection: socket.socket | None = None  # that may end without a word
+    fileno: int  # readable when a frame has come
+    connection: socket.socket | None = None  # may end without an exception
 
 
 def bus_name(config: Mapping[str, Any]) -> str:
-    """How sentences call the bus that python-can's keyword arguments describe."""
+    """Name of the bus of these keyword arguments of python-can, for sentences."""
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Raise LinkError if a SocketCAN interface is named that should not be used now; restarts one that is bus-off."""
+    """Restart a SocketCAN interface that is bus-off; raises LinkError for one that should not be used now."""
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))
     if reason is not None:
@@ -54,7 +54,7 @@ def open_bus(config: Mapping[str, Any]) -> Opened:
         if "interface" in config:
             raise LinkError(f"{name} cannot be opened: {sentence_of(error)}") from error
         raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
-    except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
+    except Exception as error:  # a back-end without its library may raise anything, even NameError
         raise LinkError(f"{name} cannot be opened: {sentence_of(error)}") from error
     connection = socketcand.connection_of(bus)
     if connection is not None:

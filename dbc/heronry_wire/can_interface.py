@@ -1,11 +1,11 @@
-"""A CAN interface of this computer, as the kernel describes it, and the one thing to be done to it: down and up again.
+"""A CAN interface of this computer, as the kernel describes it, and its restart: down and up again.
 
-Asked over rtnetlink, which everybody may read and CAP_NET_ADMIN may change (Linux, rtnetlink(7), linux/if_link.h,
-linux/can/netlink.h): what `ip -details link show` prints, without needing that program. A vcan has no controller: its
-bit rate, state, restart time and counters are None. So are those that a driver keeps to itself.
+The source is rtnetlink, which every user may read and CAP_NET_ADMIN may change (Linux, rtnetlink(7), linux/if_link.h,
+linux/can/netlink.h). It gives what `ip -details link show` prints, without that program. A vcan has no controller: its
+bit rate, state, restart time and counters are None. So are values that a driver does not give.
 
-Down and up restarts a controller that is bus-off with every driver. IFLA_CAN_RESTART would do less harm to others who
-use the interface, and some drivers do not have it; a bus-off interface is of no use to them either.
+Down and up restarts a controller that is bus-off with every driver. IFLA_CAN_RESTART would disturb other programs on
+the interface less, but some drivers do not have it; and a bus-off interface is of no use to those programs either.
 """
 
 import errno
@@ -32,7 +32,7 @@ _BUFFER_BYTES = 32_768
 
 @dataclass(frozen=True, slots=True)
 class CanInterface:
-    """One interface; None is what this kind of interface, or its driver, does not have."""
+    """One interface; a value is None where this kind of interface, or its driver, does not have it."""
 
     name: str
     kind: str  # can, vcan, vxcan
@@ -48,7 +48,7 @@ class CanInterface:
 
 
 def read_interface(name: str) -> CanInterface | None:
-    """Ask the kernel about an interface; None where there is none of that name. Raises OSError."""
+    """Read an interface from the kernel; None where no interface has that name. Raises OSError."""
     body = _LINK.pack(socket.AF_UNSPEC, 0, 0, 0, 0) + _attribute(_NAME, name.encode() + b"\0")
     try:
         return parse_link(_ask(_GET_LINK, _REQUEST, body))
@@ -66,10 +66,10 @@ def take_down_and_up(name: str) -> None:
 
 
 def obstacle(name: str, bitrate: int | None) -> str | None:
-    """Say why an interface should not be used now, and restart one that is bus-off; None: nothing is known of it."""
+    """Give why an interface should not be used now, None if it may be; restarts one that is bus-off."""
     interface = read_interface(name)
     if interface is None or not interface.is_up:
-        return None  # opening it tells
+        return None  # opening it gives the reason
     if interface.state is ControllerState.BUS_OFF:
         return _restarted(interface)
     if bitrate is not None and interface.bitrate not in (None, bitrate):

@@ -1,9 +1,9 @@
 """CANaerospace data frames: the 4-byte header, the 32 data types, validity, emergency events.
 
-What it decides: which bytes a datum is, and whether given bytes are one. The format is that of the
+This file encodes and decodes data frames. The format is that of the
 CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006), called [S] below, with its page.
 
-    byte 0   node-ID: of the sender (in node services: of the node that is addressed)     [S p.8]
+    byte 0   node-ID: of the sender (in node services: of the addressed node)     [S p.8]
     byte 1   data type: 0..31 of [S p.5-7], 32..99 reserved, 100..255 user-defined
     byte 2   service code: in data frames of this project the status of the datum, see below
     byte 3   message code: counts up by one per frame of this identifier and node, 255 is followed by 0
@@ -18,9 +18,9 @@ no code points. Here the low nibble is the version of the datum (1 best .. 15) a
 `standard_identifiers` knows them.
 
 Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Its priority is not
-that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and beat every
-11-bit frame but identifier 0, emergency events included (see `frame.arbitration_key`). This project sends
-11-bit frames only, and knows these to recognise other people's.
+that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and a higher priority than
+every 11-bit frame except identifier 0, emergency events included (see `frame.arbitration_key`). This project sends
+11-bit frames only, and decodes 29-bit identifiers to recognise those of other makers.
 """
 
 import struct
@@ -118,7 +118,7 @@ Value = None | int | float | str | bytes | tuple[int, ...]
 
 
 class Datum(NamedTuple):
-    """One CANaerospace frame without its identifier; `value` is what its `data_type` says.
+    """One CANaerospace frame without its identifier; the type of `value` follows from `data_type`.
 
     `data_type` is a plain int 100..255 for a user-defined type, whose value is 0..4 raw bytes.
     """
@@ -131,13 +131,13 @@ class Datum(NamedTuple):
 
 
 class Validity(IntEnum):
-    """May the datum be used: the code points of the high nibble of byte 2."""
+    """Whether a datum may be used: code points of the high nibble of byte 2."""
 
     NOT_STATED = 0
     VALID = 1
     DEGRADED = 2  # usable, outside its usual accuracy
     INVALID = 3  # the source has failed: do not use
-    NO_COMPUTED_DATA = 4  # the source works and has nothing to say yet
+    NO_COMPUTED_DATA = 4  # the source works and has no value yet
 
 
 class Status(NamedTuple):
@@ -215,7 +215,7 @@ def _takes(layout: struct.Struct) -> str:
 
 
 def decode_data(frame: Frame) -> Datum | Malformed:
-    """Read the header and the value of a frame, whatever its identifier; never raises."""
+    """Read the header and the value of a frame with any identifier; never raises."""
     data = frame.data
     if frame.remote or frame.error:
         return Malformed("not a data frame")
@@ -239,17 +239,17 @@ def read_header(data: bytes) -> tuple[int, int, int, int]:
 
 
 def node_of(data: bytes) -> int | None:
-    """Node-ID of whoever sent a data frame; None where it has no byte."""
+    """Node-ID of the sender of a data frame; None where the frame is empty."""
     return data[0] if data else None
 
 
 def type_and_service_of(data: bytes) -> bytes:
-    """Type and service code of a data frame, as they stand there; of a shorter one, what is there of them."""
+    """Bytes 1 and 2 of a data frame, type and service code; fewer where the frame is shorter."""
     return data[1:3]
 
 
 def decode_payload(code: int, payload: bytes) -> Value:
-    """Read the value behind the header of a frame of type `code`, 0..31; the payload has the length of that type."""
+    """Read the payload of a frame of type `code`, 0..31; the payload must have the length of that type."""
     values = _LAYOUTS[code].unpack(payload)
     if len(values) != 1:
         if code == DataType.ERROR:
@@ -278,14 +278,14 @@ def encode_emergency_event(node_id: int, report: ErrorReport, *, service_code: i
 
 
 class Redundant(NamedTuple):
-    """What a 29-bit CANaerospace identifier says: redundancy channel and 11-bit identifier."""
+    """The content of a 29-bit CANaerospace identifier: redundancy channel and 11-bit identifier."""
 
     channel: int  # 0..8191
     can_id: int
 
 
 def redundant_id(channel: int, can_id: int) -> int:
-    """Give the 29-bit identifier of a redundancy channel [S p.53]; beware of its priority (see above)."""
+    """Give the 29-bit identifier of a redundancy channel [S p.53]; for its priority see above."""
     extended_id = _CHANNEL_STEP * channel + can_id
     if not (0 <= can_id <= STANDARD_MASK and 0 <= extended_id <= EXTENDED_MASK):
         raise WireError(f"no 29-bit identifier for channel {channel} of {can_id}: use 0..8191 and 0..2047")

@@ -1,11 +1,10 @@
 """The object dictionary of a PE: one table for the server, the EDS and the documentation (CiA 301, 7.4 and 7.5).
 
-What it decides: which objects a PE has, under which index and sub-index, of which type, and who may write them. The
-agent serves exactly these (`heronry_agent.core.object_dictionary`), `heronry_wire.eds` writes them down, so the three
-cannot drift apart.
+This file lists the objects of a PE, with index and sub-index, type and access right. The agent serves exactly these
+(`heronry_agent.core.object_dictionary`), and `heronry_wire.eds` writes them to a file, so the three agree.
 
-States: none. Indices 1000h to 1FFFh mean what CiA 301 and CiA 302-3 say, 2000h and up are this project's own. PDOs,
-SYNC and LSS have no objects here, since their identifiers belong to others on this bus (docs/protocol.md).
+States: none. Indices 1000h to 1FFFh are those of CiA 301 and CiA 302-3, 2000h and up are this project's own. PDOs, SYNC
+and LSS have no objects here, since CANaerospace uses their identifiers on this bus (docs/protocol.md).
 """
 
 from dataclasses import dataclass
@@ -49,7 +48,7 @@ class Type(Enum):
 
 
 class Access(Enum):
-    """Who may do what by SDO."""
+    """Access right by SDO."""
 
     CONST = "const"
     READ = "ro"
@@ -69,7 +68,7 @@ class Kind(Enum):
 class Variable(NamedTuple):
     """One value: an object of its own, or one sub-index of an object.
 
-    value: of a CONST; what another one has at power-on, where that is fixed.
+    value: of a CONST; of any other variable the value at power-on, where that is fixed.
     of_node: the node-ID is added to `value`.
     limits: lowest and highest number that may be written.
     """
@@ -85,10 +84,10 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One object. Sub-index 0 of an array or record says how many there are, unless `count` says otherwise.
+    """One object. Sub-index 0 of an array or record is the number of its elements, unless `count` is another variable.
 
-    variables: the one of a VAR or DOMAIN, those from sub-index 1 on of a RECORD, or the one that each element of an
-        ARRAY is like; an array has up to `most` elements.
+    variables: the variable of a VAR or DOMAIN, those from sub-index 1 on of a RECORD, or the model of each element of
+        an ARRAY; an array has up to `most` elements.
     """
 
     index: int

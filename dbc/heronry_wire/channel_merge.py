@@ -1,29 +1,29 @@
-"""Two channels, one bus: of the two copies of a frame the first is taken, and the second is known for a copy.
+"""Two channels, one bus: of the two copies of a frame the first is taken, and the second is recognized as a copy.
 
-Every frame of a replicated bus is sent on both channels, and nothing in it says which sending it belongs to. So a copy
-is known by what it is: the same identifier and bytes, on the other channel, within a window of half a heartbeat period.
-Copies are counted for each channel: two equal frames that are sent one after the other are two on each channel, and are
-taken twice, in whatever order the four arrive. Within a window as many of a frame are taken as the better channel has
-brought; so nothing is lost that either channel alone would have brought, but in one case: one of two equal frames that
-follow each other within half a period, if each channel loses another one of the two.
+Every frame of a replicated bus is sent on both channels, and carries no number of its sending. So a copy is recognized
+by its content: the same identifier and bytes, on the other channel, within a window of half a heartbeat period. Copies
+are counted for each channel: two equal frames that are sent one after the other are two on each channel, and are taken
+twice, in whatever order the four arrive. Within a window as many of a frame are taken as the better channel has
+brought; so no frame is lost that either channel alone would have brought, except in one case: one of two equal frames
+that follow each other within half a period, if each channel loses another one of the two.
 
-Late copies are the danger: a channel that comes back may bring what waited in a controller meanwhile, and a state that
-is a second old reads like a restart. Hence for each identifier
+Late copies are the danger: a channel that comes back may bring frames that waited in a controller meanwhile, and a
+state that is a second old looks like a restart. Hence for each identifier
 
-    in step     both channels have brought the last frame of it: whichever is first is taken
-    behind      one has not, and half a period has passed: what only this one brings is *withheld* until the other one
-                brings it too (then it is taken, and both are in step), or has brought nothing under this identifier for
-                a period and a quarter (then it is taken at once: the other one has failed)
+    in step     both channels have brought the last frame of it: the first copy of the next one is taken
+    behind      one channel has not, and half a period has passed: a frame that only this channel brings is *withheld*
+                until the other one brings it too (then it is taken, and both are in step), or has brought nothing under
+                this identifier for a period and a quarter (then it is taken immediately: the other one has failed)
 
 A channel that has lost a single frame of a sender is behind for one frame of it. If the other one fails at that very
-moment, that sender is not heard for one more period, which is less than makes it suspect. What is slower than a period
-and a quarter is taken however late it comes: nobody could tell it from what is new.
+moment, that sender is not heard for one more period, which is too short to make it suspect. Frames with a period longer
+than 1 1/4 heartbeat periods are taken however late they come: they cannot be told from new ones.
 
-Whose wire it was that failed makes no difference: a break of the channel, of this node's own wire, or of the sender's
+It makes no difference which wire has failed: a break of the channel, of this node's own wire, or of the sender's wire
 alone leaves the sender's identifiers behind, all or some. Doubled by a controller (CAN may bring a frame twice): taken
-twice, as on one channel, or its second copy is. Forged: whoever sends a copy of a frame before it is sent, on the other
-channel and to the bit, has said it himself; the true one then counts as the copy. A restart remembers nothing, and
-takes everything once.
+twice, as on one channel, or its second copy is. Forged: an attacker who sends the same bits on the other channel before
+the frame itself has sent a true frame; the sender's own one then counts as the copy. After a restart all identifiers
+are in step, and each frame is taken once.
 
 Time is that of arrival, and may come a little out of order, as when a process that slept empties one socket after the
 other.
@@ -37,18 +37,18 @@ from heronry_wire.protocol_times import late_ns
 
 
 def window_ns(heartbeat_ns: int) -> int:
-    """How far apart two copies of a frame may arrive."""
+    """Longest time in ns between the arrivals of two copies of a frame."""
     return heartbeat_ns // 2
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """How long after the first copy has left the second one may still start, so that it arrives within the window."""
+    """Time in ns after the first copy has left in which the second may start, so that it arrives in the window."""
     return heartbeat_ns // 4
 
 
 @dataclass(slots=True, eq=False)
 class _Copy:
-    """A frame that one channel has brought, and the other has not yet."""
+    """A frame that one channel has brought and the other has not yet."""
 
     frame: Frame
     channel: int
@@ -58,7 +58,7 @@ class _Copy:
 
 
 class ChannelMerge:
-    """What two channels bring, as one bus; channels are 0 and 1 here."""
+    """Merges the frames of two channels into those of one bus; channels are 0 and 1 here."""
 
     def __init__(self, heartbeat_ns: int) -> None:
         """`heartbeat_ns` is the heartbeat period of the bus."""
@@ -66,9 +66,9 @@ class ChannelMerge:
         self.stale = 0  # withheld for good
         self._window_ns, self._patience_ns = window_ns(heartbeat_ns), late_ns(heartbeat_ns)
         self._now_ns = 0
-        self._alone: dict[Frame, deque[_Copy]] = {}  # of one frame, all from one channel
+        self._alone: dict[Frame, deque[_Copy]] = {}  # copies of one frame, all from one channel
         self._order: deque[_Copy] = deque()
-        self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # which channel, and when the other brought it last
+        self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # channel, last time of the other
 
     def take(self, channel: int, frame: Frame, at_ns: int) -> bool:
         """Tell whether a frame that has arrived is to be taken."""
@@ -86,7 +86,7 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """The second copy has come: it is dropped, but where the first was withheld."""
+        """The second copy has come: tell whether to take it, which is so if the first one was withheld."""
         first = waiting.popleft()
         first.is_alone = False
         if not waiting:
@@ -96,7 +96,7 @@ class ChannelMerge:
         return not first.is_taken
 
     def _may_lead(self, channel: int, frame: Frame, at_ns: int) -> bool:
-        """Tell whether a channel may bring a frame before the other one does."""
+        """Tell whether a frame is taken from this channel before the other one has brought it."""
         found = self._behind.get(_identifier(frame))
         if found is None:
             return True
@@ -107,7 +107,7 @@ class ChannelMerge:
         return at_ns - other_ns >= self._patience_ns
 
     def _expire(self, at_ns: int) -> None:
-        """What has waited for its copy through the window stays alone: the other channel is behind."""
+        """A frame whose window has passed without a copy stays alone: the other channel is behind."""
         self._now_ns = max(self._now_ns, at_ns)
         while self._order and self._order[0].at_ns < self._now_ns - self._window_ns:
             copy = self._order.popleft()

@@ -1,23 +1,24 @@
-"""Which channel of a replicated bus carries nothing of what the other one carries, as one node sees it.
+"""Which channel of a replicated bus carries no frames although the other one does, as one node sees it.
 
-    well    both channels give signs of life, or neither does: where nobody speaks nothing can be said
-    lost    for more than `misses` heartbeat periods and a quarter one channel has given no sign where the other did.
-            Every node speaks in every period, so this is no chance
-    well    again once it has kept up for ten periods without such a gap: what flaps stays lost
+    well    both channels give signs of life, or neither does: on a silent bus nothing can be decided
+    lost    for more than `misses` heartbeat periods and a quarter one channel has given no sign while the other did.
+            Every node sends in every period, so this is not by chance
+    well    again once the channel has given signs for ten periods without such a gap: an intermittent channel stays
+            lost
 
-Signs of two kinds are kept apart: that a frame of another node came, and that one of this node's own got out. A channel
-that lacks either is lost here, so a wire that is broken in one direction counts as well. Which wire it is, the
-channel's or this node's own, nobody can tell alone: the manager is told who has lost it.
+There are two kinds of signs: a frame of another node has come, and a frame of this node has left. A channel that lacks
+either is lost here, so a wire that is broken in one direction counts as well. One node alone cannot tell whether the
+wire of the channel or its own wire has failed: the manager receives the reports of all nodes.
 
-Only differences between two moments of the same kind count. So a pause of the process loses no channel, nor does a
-silent bus. Lost, doubled or late frames move a sign by that much.
+Only differences between two times of the same kind count. So a channel is not lost by a pause of the process, nor by a
+silent bus. Lost, doubled or late frames shift a sign by their delay.
 """
 
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns
 
 
 class ChannelWatch:
-    """Signs of life of two channels; they are 0 and 1 here, and 1 and 2 in what is told."""
+    """Signs of life of two channels; they are 0 and 1 in calls, and 1 and 2 in results."""
 
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
         """`heartbeat_ns` and `misses` are those of the bus."""
@@ -33,7 +34,7 @@ class ChannelWatch:
         self._sign(self._heard_ns, channel, at_ns)
 
     def left(self, channel: int, at_ns: int) -> None:
-        """A frame of this node has got out on a channel."""
+        """A frame of this node has left on a channel."""
         self._sign(self._left_ns, channel, at_ns)
 
     def lost(self, now_ns: int) -> frozenset[int]:

@@ -1,24 +1,24 @@
-"""Commands with their tags: how a manager numbers and tags them, and which of them whoever listens may believe.
+"""Commands with their tags: how a manager numbers and tags them, and which of them a receiver accepts.
 
 Every command is followed by one TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of tag. A
 manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A command
-counts from the moment its TAG comes, and only if its number is above that of the last one: `CommandVerifier` is where
-this is decided, for a PE and for another manager alike.
+is accepted when its TAG comes, and only if its number is above that of the last one: `CommandVerifier` decides this,
+for a PE and for another manager alike.
 
-    no place     nothing of this manager is believed: whoever listens has just started, and what it hears may be old
-    a place      (term, number) of the last command believed; what comes next must be above it
+    no place     no command of this manager is accepted: the receiver has just started, and frames may be old
+    a place      (term, number) of the last accepted command; the next one must be above it
 
-A place is gained by a WELCOME, whose tag covers the nonce that the listener has just drawn, and by nothing else; or,
-for whoever has no nonce to send (`seek`: another manager), by trying what the upper bits of the number may be.
+A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. The other manager has no
+nonce to send (`seek`) and gains a place by trying the upper bits of the number.
 
-Lost, a command or its TAG: the other one is dropped with the next of its kind, or when its patience is over. Late:
-where a newer command was believed first, the older one is refused. Doubled: the second TAG stands for a number that is
-not above the last. Forged, changed, of another fleet, replayed: the tag does not fit. Nothing of this changes a place;
-each is counted in `refused`. A place that has been left behind by 8 192 commands fits no more, and has to be gained
-anew (`lost`).
+Lost, a command or its TAG: the other one is dropped with the next of its kind, or after `patience_ns`. Late: where a
+newer command was accepted first, the older one is refused. Doubled: the second TAG stands for a number that is not
+above the last. Forged, changed, of another fleet, replayed: the tag is not valid. None of this changes a place; each is
+counted in `refused`. A receiver that has missed 8 192 commands cannot find the number any more, and has to gain a place
+anew.
 
-Commands are held in a fixed number of places, and every TAG costs so many trials at most: a flood costs the time of a
-flood.
+A fixed number of commands is held, and every TAG costs a limited number of trials: a flood costs no more than the time
+of its frames.
 """
 
 from collections import Counter, deque
@@ -31,19 +31,19 @@ from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import CONTROL, NUMBER_SPAN, TAG, WELCOME_KIND, Control, Operation, decode_tag, is_welcome
 from heronry_wire.sansio import Received, require
 
-_HELD = 40  # commands of one kind that wait for their TAG: the heads of all slices, and some
+_HELD = 40  # commands of one kind that wait for their TAG: the heads of all slices, and a few more
 _SOUGHT = 1 << 11  # upper halves of a number that are tried: two days of commands
 _SEEK_PAUSE_NS = 20_000_000
 _NOT_YET_NS = -_SEEK_PAUSE_NS
 
 
 class Refusal(Enum):
-    """Why a frame was not believed."""
+    """Why a frame was refused."""
 
     MALFORMED = "malformed tag"
     UNTAGGED = "command without its tag"
     STRAY = "tag without its command"
-    UNKNOWN = "command before a fresh start"  # nothing of this manager is believed yet
+    UNKNOWN = "command before a fresh start"  # no command of this manager is accepted yet
     STALE = "command from before"  # an older term, or an older answer
     UNPROVEN = "tag that does not fit"
 
@@ -57,10 +57,10 @@ class Held(NamedTuple):
 
 
 class CommandSigner:
-    """Numbers and tags the commands of one reign."""
+    """Numbers and tags the commands of one mastership."""
 
     def __init__(self, key: Key, manager: int, term: int) -> None:
-        """`term` was never used by this manager before."""
+        """`term` must never have been used by this manager before."""
         self.term = term
         self._key, self._manager = key, manager
         self._tag_id = management_id(manager, Command.TAG)
@@ -69,12 +69,12 @@ class CommandSigner:
         self.number = -1  # of the last command
 
     def tag(self, frame: Frame) -> Frame | None:
-        """Give the TAG of a frame, which is to follow it; None where it is no command of this manager."""
+        """Give the TAG that must follow a frame; None where the frame is no command of this manager."""
         kind = self._kinds.get(frame.can_id)
         return None if kind is None else self._tag(kind, frame.data)
 
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
-        """Answer the nonce of a PE: a command that opens its session, and its TAG. `number` is the session's number."""
+        """Answer the nonce of a PE: gives the WELCOME that opens its session, under `number`, and its TAG."""
         number = self.number + 1
         answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
@@ -87,7 +87,7 @@ class CommandSigner:
 
 
 class CommandVerifier:
-    """Believes commands of managers, or refuses them."""
+    """Accepts commands of managers, or refuses them."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
         """`patience_ns` is how long a command waits for its TAG; `seek`: find a place without a nonce."""
@@ -100,7 +100,7 @@ class CommandVerifier:
         self.refused: Counter[Refusal] = Counter()
 
     def hold(self, manager: int, command: Command, event: Received, arrived_ns: int) -> None:
-        """Take a command; it counts for nothing yet."""
+        """Take a command and hold it until its TAG comes."""
         is_answer = command is Command.CONTROL and is_welcome(event.frame.data)
         held = self._held[manager, WELCOME_KIND if is_answer else command]
         if len(held) == _HELD:
@@ -111,10 +111,10 @@ class CommandVerifier:
     def tagged(
         self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE, *, is_counted: bool = True
     ) -> Held | Refusal:
-        """Take a TAG; gives the command that is to be believed, or why there is none.
+        """Take a TAG; gives the command that is accepted, or why there is none.
 
-        nonce: the one that was sent last, if an answer to it is still good.
-        is_counted: false where the TAG may be that of an answer to somebody else.
+        nonce: the last one that was sent, if an answer to it is still accepted.
+        is_counted: false where the TAG may be that of an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -150,10 +150,10 @@ class CommandVerifier:
         return refusal
 
     def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
-        """Those before it were sent before it, and so were their TAGs: these were lost.
+        """Accept a held command, and drop those before it: they were sent earlier, and their TAGs were lost.
 
-        One that has come twice counts from the second time, and is not left for the TAG of the next one that says the
-        same: that would count from now, and each after it from the one before.
+        A command that has come twice counts with its second time of arrival. It is not held for the TAG of the next
+        equal command: that one would count with the present time, and each later one with the time before its own.
         """
         self.places[manager] = place
         for _ in range(waiting):
@@ -166,7 +166,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Place that a command would have if its TAG were true."""
+        """Place that a command has if its TAG is valid."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)
@@ -187,7 +187,7 @@ class CommandVerifier:
         return may
 
     def _sought(self, manager: int, fields: tuple[int, ...], held: deque[Held]) -> Held | Refusal:
-        """Try every number that the newest command may have: for who only has to know that a manager is there."""
+        """Try every number that the newest command may have: this is for the other manager, which has no nonce."""
         kind, low, tag = fields
         payload = held[-1].event.frame.data
         term = _term(kind, payload, 0)
@@ -199,7 +199,7 @@ class CommandVerifier:
 
 
 def _term(kind: int, payload: bytes, otherwise: int) -> int:
-    """Term that a command names; SLICE names none."""
+    """Term that a command names; `otherwise` for SLICE, which names none."""
     if kind == Command.SLICE:
         return otherwise
     first = int.from_bytes(payload[:2], "big")

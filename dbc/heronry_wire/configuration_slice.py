@@ -1,18 +1,18 @@
-"""A slice: one PE's part of a configuration, in as few bytes as can be.
+"""A slice: one PE's part of a configuration, in as few bytes as possible.
 
-Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the
+All its numbers are indices into the PE's table (`pe_table`): modules, modes, and *sources*, which are the
 pairs (producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so
-that equal slices have equal bytes and equal digests. There is one way to write a slice; bytes that go another (an index
-twice, a longer number) are none:
+that equal slices have equal bytes and equal digests. Every slice has one encoding; any other bytes (an index twice, a
+longer number) are no slice:
 
     number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer
     number of sources published, then for each: source, bit mask of this PE's buses
-    number of sources forwarded (gateways), then for each: source, node-ID of its producer, bit mask of buses to
+    number of sources forwarded (gateways), then for each: source, node-ID of its producer, mask of buses
     where there are any: number of expendable modules, then each: those that stop while no manager is heard
 
-The slice of a PE that has nothing to do is no bytes at all: its head says everything. The digest covers the spec's
-digest too: a PE that holds another spec's table stages nothing.
+The slice of a PE without modules and data to forward has no bytes: the head of SLICE is enough. The digest covers the
+spec's digest too: a PE with the table of another spec stages nothing.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ class ModuleSlice:
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """What one PE runs, reads, publishes and forwards."""
+    """The modules that one PE runs, and the sources that it reads, publishes and forwards."""
 
     modules: tuple[ModuleSlice, ...] = ()
     remote: Mapping[int, int] = field(default_factory=dict)  # source -> node-ID of its producer
@@ -60,7 +60,7 @@ class Slice:
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
-        """This slice, but publishing and forwarding nothing that the one before does not (step BREAK)."""
+        """Give this slice without publishing or forwarding that the slice `before` does not have (step BREAK)."""
         publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
         forward = {
             s: (node, mask & before.forward[s][1])
@@ -75,7 +75,7 @@ class Slice:
 
 
 class SliceError(HeronryError, ValueError):
-    """Bytes that are no slice of this PE; the message says why."""
+    """The bytes are no slice of this PE; the message says why."""
 
 
 def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:

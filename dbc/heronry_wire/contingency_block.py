@@ -1,13 +1,13 @@
-"""The contingencies that a PE has on board: its slice of each configuration that may be called by its number alone.
+"""The contingencies that a PE has on board: its slice of each configuration that the manager calls by a number.
 
-Numbers are as in `packing`; most contingencies leave most PEs alone, so slices are kept once:
+Numbers are as in `packing`; most contingencies do not change most PEs, so each different slice is kept once:
 
     number of different slices, then for each: its length and its bytes
     number of contingencies, then for each, from number 1: index of its slice
     three times that number, then for each: digest of the whole configuration, most significant byte first
 
-The digest binds a number to what the manager means by it. A PE whose block comes from another file, or another spec,
-finds another digest under the number, and stages nothing by it.
+The digest binds a number to the configuration that the manager means. A PE whose block comes from another file, or
+another spec, finds another digest under the number, and stages nothing.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ class Preloaded:
 
 
 def write_block(contingencies: Sequence[Preloaded]) -> bytes:
-    """Write the contingencies from number 1 on as a PE keeps them; none are no bytes."""
+    """Write the contingencies from number 1 on as a PE keeps them; no bytes for none."""
     if not contingencies:
         return b""
     different = {body: index for index, body in enumerate(dict.fromkeys(one.slice for one in contingencies))}

@@ -1,8 +1,8 @@
-"""What Linux tells about a CAN controller in error frames: the states of ISO 11898-1, and what went wrong on the wire.
+"""How Linux reports the state of a CAN controller in error frames: the states of ISO 11898-1, and errors of the bus.
 
-An error frame is no frame of the bus: the driver makes it, for sockets that ask for it, so it proves nothing about what
-others say. The classes are bits of its identifier, details are in its bytes (Linux, include/uapi/linux/can/error.h). A
-driver may leave out any of it: what it does not tell is None here, never a guess.
+An error frame is not a frame of the bus: the driver makes it, for sockets that request it, so it is no evidence about
+other nodes. The classes are bits of its identifier, details are in its bytes (Linux, include/uapi/linux/can/error.h). A
+driver may leave out any of it: a missing state is None here, never a guess.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class ControllerState(IntEnum):
 
     ERROR_ACTIVE = 0
     ERROR_WARNING = 1  # an error counter has reached 96
-    ERROR_PASSIVE = 2  # 128: it may no longer stop others' frames
+    ERROR_PASSIVE = 2  # 128: it may no longer stop the frames of other nodes
     BUS_OFF = 3  # the transmit counter has passed 255: it is off the bus until it is restarted
     STOPPED = 4
     SLEEPING = 5
@@ -40,14 +40,14 @@ _STATES = (  # bits of byte 1 of a controller problem, the worst first
 
 @dataclass(frozen=True, slots=True)
 class ControllerReport:
-    """What one error frame tells; `state` is None where it does not name one."""
+    """Content of one error frame; `state` is None where it does not name one."""
 
     state: ControllerState | None
     kinds: tuple[str, ...]
 
 
 def read_error_frame(frame: Frame) -> ControllerReport:
-    """Read an error frame; one with bits that nobody has defined tells less, and never fails."""
+    """Read an error frame; undefined bits are ignored, and no frame raises."""
     classes, detail = frame.can_id, frame.data[1] if len(frame.data) > 1 else 0
     kinds = [name for bit, name in _KINDS.items() if classes & bit]
     if classes & _CONTROLLER:

@@ -1,8 +1,8 @@
 """The electronic data sheet of a PE: its object dictionary in the format that CANopen tools read (CiA 306-1).
 
-Written from `canopen_objects`, with nothing in it that depends on when or where: so that the shipped file, the one that
-`heronry eds` writes and the one that a PE gives by SDO (object 1021h) are the same bytes. `$NODEID` stands for the
-node-ID, and the arrays that have one element per module are written compactly: how many there are, the node says.
+The EDS is written from `canopen_objects`, without a time, a path or a node-ID: so the shipped file, the output of
+`heronry eds` and the file that a PE gives by SDO (object 1021h) have the same bytes. `$NODEID` stands for the node-ID,
+and arrays with one element per module are written compactly: the node gives their number.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,11 +22,11 @@ from heronry_wire.canopen_objects import (
 FILE_NAME = "heronry_pe.eds"
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _FIRST_OWN, _LAST_OWN = 0x2000, 0x5FFF
-_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s; a spec says which one
+_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s; the spec has the bit rate of a bus
 
 
 def eds_text() -> str:
-    """The whole file."""
+    """Give the text of the whole file."""
     return "\n".join(line for section in _sections() for line in section)
 
 

@@ -1,14 +1,14 @@
-"""The one root of all errors that a caller, or in the end a user, can mend.
+"""The base class of all errors that a caller, or in the end a user, can correct.
 
-Bad bytes are values, not errors. An error is for our own callers; its message is one sentence that says what is wrong,
-where, and what to do, fit to be shown as it is. Whatever is not a HeronryError is a defect of ours.
+Bad bytes are values, not errors. An error is for callers in this project; its message is one sentence that says what is
+wrong, where, and what to do, and can be shown to a user unchanged. Any other exception is a defect of this program.
 """
 
 
 class HeronryError(Exception):
-    """Something that the caller can mend; the message is for people."""
+    """An error that the caller or the user can correct; the message is one sentence for the user."""
 
 
 def on_one_line(text: str) -> str:
-    """Escape what is not printable, so that whatever is quoted breaks no sentence."""
+    """Escape characters that are not printable, so that quoted text stays on one line."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

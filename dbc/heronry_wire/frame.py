@@ -1,21 +1,19 @@
 """The frame: the one unit that goes into and comes out of every core, and its text form.
 
-What it decides: what a frame is on this side of every driver (identifier, data, three flags), which of two wins the
-bus, and how one is written down, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log
-(`(12.000345) can0 130#...`), so that a recorded flight replays through the cores, and a simulated one opens in any
-CAN tool.
+This file defines a frame on this side of every driver (identifier, data, three flags), which of two wins arbitration,
+and its text form, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log (`(12.000345) can0
+130#...`), so that a recorded flight replays through the cores, and a simulated one opens in any CAN tool.
 
 States: none. Everything here is a pure function of its arguments.
 
-What can be wrong has two shapes, used by all of this package:
+Errors have two forms, used by all of this package:
 
-- bytes or text from outside that break a rule give a `Malformed` value with the reason: whoever receives
-  counts it per peer and goes on;
-- a call of our own that asks for the impossible raises `WireError`, with a sentence that says what to do.
+- bytes or text from outside that break a rule give a `Malformed` value with the reason: the receiver counts it per
+  peer and goes on;
+- a call of this project's own code with an impossible value raises `WireError`, with a sentence that says what to do.
 
-Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`), and a remote frame has
-no data and forgets the length that it asks for: no protocol of this project sends or answers one, and an
-empty frame cannot be taken for a datum.
+Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`), and a remote frame has no data and
+no requested length: no protocol of this project sends or answers one, and an empty frame cannot be taken for a datum.
 """
 
 import re
@@ -35,7 +33,7 @@ _LOG_TEXT = re.compile(r"\((\d{1,12})\.(\d{1,9})\) (\S+) (\S+)(?: [RT])?", re.AS
 
 
 class WireError(HeronryError, ValueError):
-    """Our own caller asked for something that cannot be put on the bus; the message says what to change."""
+    """A caller gave a value that cannot be put on the bus; the message says what to change."""
 
 
 class Malformed(NamedTuple):
@@ -47,8 +45,8 @@ class Malformed(NamedTuple):
 class Frame(NamedTuple):
     """One classical CAN frame.
 
-    `can_id` has 11 bits, or 29 when `extended`; `data` has 0..8 bytes, none when `remote`. With `error` set
-    it is no traffic but a controller's report (SocketCAN error frame): `can_id` then holds the error class.
+    `can_id` has 11 bits, or 29 when `extended`; `data` has 0..8 bytes, none when `remote`. With `error` set it is not
+    traffic but a controller's report (SocketCAN error frame): `can_id` then holds the error class.
     A constructor call checks nothing: cores make frames through the codecs, drivers take them from hardware.
     """
 
@@ -68,10 +66,10 @@ class LoggedFrame(NamedTuple):
 
 
 def arbitration_key(frame: Frame) -> int:
-    """Order frames as the bus does: of two that start together, the one with the smaller key wins.
+    """Order frames as arbitration does: of two that start together, the one with the smaller key wins.
 
     The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18
-    bits and RTR. So a standard frame beats an extended one with the same base, and a data frame beats the
+    bits and RTR. So a standard frame wins against an extended one with the same base, and a data frame against the
     remote frame of its identifier. Never compare 29-bit identifiers with 11-bit ones as integers.
     """
     if frame.extended:

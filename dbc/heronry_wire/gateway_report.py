@@ -1,14 +1,13 @@
-"""What a gateway says of the radio behind it: how much of its bandwidth can be used (protocol rule 9).
+"""The report of a gateway on the radio behind it: how much of its bandwidth can be used (protocol rule 9).
 
     LINK, of radio r       291 + r       from the gateway between r and the manager, toward the manager
 
 Radios are numbered in the spec's order; there are nine identifiers. The gateway sends a report on its uplink every
-heartbeat period of the radio, and at once when the link is gone or back. Gateways on the way pass it on.
+heartbeat period of the radio, and immediately when the radio is gone or back. Gateways on the way pass it on.
 
-Nobody acknowledges it: a lost report is made up for by the next one, a doubled one says nothing new, and a late one is
-told by its sequence. A forged one can take bandwidth away from the ground, or the ground from the aircraft; neither
-hurts what flies without it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
-ValueError.
+The report is not acknowledged: after a lost one the next one comes, a doubled one has no effect, and a late one is
+recognized by its sequence. A forged one can reduce the bandwidth to the ground, or cut the ground off; the modules on
+board fly without it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises ValueError.
 """
 
 from dataclasses import dataclass
@@ -22,10 +21,10 @@ PER_MILLE = 1000
 
 
 class LinkState(IntEnum):
-    """Whether anything comes from beyond."""
+    """Whether frames come from beyond the radio."""
 
     UP = 0
-    GONE = 1  # nothing was heard from beyond for as many periods as may be missed there
+    GONE = 1  # no frame came from beyond for as many periods as may be missed there
 
 
 LINK = Layout(
@@ -44,13 +43,13 @@ _DROPS = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """How a radio is doing, as its gateway measures it."""
+    """Condition of a radio, as its gateway measures it."""
 
     node: int  # of the gateway
     state: LinkState
     sequence: int  # modulo 64
-    usable: int  # bandwidth that gets through, in thousandths of the radio's bit rate
-    delivered: int  # frames from beyond that came, in per cent of those that were sent
+    usable: int  # usable bandwidth, in thousandths of the radio's bit rate
+    delivered: int  # frames from beyond that arrived, in per cent of those that were sent
     queued: int  # frames that wait at the gateway; 255 stands for more
     dropped: int  # frames that were given up there since its start, modulo 65536
 
@@ -70,7 +69,7 @@ def link_id(radio: int) -> int:
 
 
 def decode_link(data: bytes) -> LinkReport | Malformed:
-    """Decode a report."""
+    """Decode a report; `Malformed` with the reason where it is none."""
     fields = LINK.unpack(data)
     if fields is None:
         return Malformed("LINK has a wrong length")

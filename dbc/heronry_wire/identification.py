@@ -1,7 +1,7 @@
-"""CANaerospace node services: the one question that every node must answer, who are you (IDS, protocol rule 12).
+"""CANaerospace node services: the one that every node must answer, identification (IDS, protocol rule 12).
 
-A question to this node is answered at once, one to everybody after (n - 92) ms, so that the answers do not all start
-together. Other services, other channels and malformed requests are not answered.
+A request to this node is answered immediately, a request to all nodes after (n - 92) ms, so that the answers do not all
+start together. Other services, other channels and malformed requests are not answered.
 """
 
 from heronry_wire.frame import Frame, Malformed
@@ -22,7 +22,7 @@ REQUEST_ID = service_id(0, is_answer=False)
 
 
 class IdentificationService:
-    """Answers that are due."""
+    """Answers IDS requests for one node; `next_ns` is when to call `tick`."""
 
     def __init__(self, node: int) -> None:
         self._node = node
@@ -30,15 +30,15 @@ class IdentificationService:
         self.next_ns = NEVER_NS
 
     def asked(self, port: int, frame: Frame, now_ns: int) -> bool:
-        """A frame on the identifier of requests came; False if it is malformed."""
-        asked = decode_service(frame)
-        if isinstance(asked, Malformed):
+        """Take a frame on the identifier of requests; False if it is malformed."""
+        request = decode_service(frame)
+        if isinstance(request, Malformed):
             return False
-        datum = asked.datum
+        datum = request.datum
         if datum.service_code != Service.IDS or datum.node_id not in (BROADCAST, self._node):
             return True
-        answer = encode_service(answer_identification(asked, self._node, IDENTIFICATION))
-        at_ns = now_ns + answer_delay_ns(asked, self._node)
+        answer = encode_service(answer_identification(request, self._node, IDENTIFICATION))
+        at_ns = now_ns + answer_delay_ns(request, self._node)
         if all(send.port != port or send.frame != answer for _, send in self._due):
             self._due.append((at_ns, Send(port, answer)))
             self.next_ns = min(self.next_ns, at_ns)

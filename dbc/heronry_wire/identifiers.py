@@ -1,8 +1,8 @@
-"""The identifier plan: who says what under which of the 2 048 standard identifiers.
+"""The identifier plan: which node sends which frame under which of the 2 048 standard identifiers.
 
-What it decides: the identifier of every frame that this project sends, what an identifier met on the bus
-means, and which identifier each (variable, producing module) gets. CANaerospace and CANopen share the bus
-without one collision, and a node has the same number in both:
+This file gives the identifier of every frame that this project sends, the meaning of an identifier on the bus, and the
+identifier of each (variable, producing module). CANaerospace and CANopen share the bus without one collision, and a
+node has the same number in both:
 
     0              CANopen NMT                           (so emergency event 0 is never used)
     1..127         emergency event of node n: n          CANaerospace EED
@@ -26,8 +26,7 @@ Ranges: CANaerospace V1.7 p.4-5, CiA 301 section 7.3. CANopen SYNC, PDOs and LSS
 identifiers and are not used.
 
 States: none; the plan is fixed, and an allocation depends on its input alone, so two programs that read one
-spec agree. It covers 11-bit data frames only: whoever dispatches looks at the extended and the remote flag
-first.
+spec agree. It covers 11-bit data frames only: a receiver checks the extended and the remote flag first.
 """
 
 from collections.abc import Iterable
@@ -100,7 +99,7 @@ class Use(Enum):
 
 
 class Meaning(NamedTuple):
-    """What an identifier says by itself: its use, the node it belongs to, the management command."""
+    """Meaning of an identifier by itself: its use, its node, the management command."""
 
     use: Use
     node_id: int | None = None
@@ -123,12 +122,12 @@ def state_id(node_id: int) -> int:
 
 
 def sdo_response_id(node_id: int) -> int:
-    """Give the identifier on which the SDO server of a node answers."""
+    """Give the identifier of the answers of the SDO server of a node."""
     return _SDO_RESPONSE_BASE + _checked(node_id, NODES, "node")
 
 
 def sdo_request_id(node_id: int) -> int:
-    """Give the identifier on which the SDO server of a node is asked."""
+    """Give the identifier of the requests to the SDO server of a node."""
     return _SDO_REQUEST_BASE + _checked(node_id, NODES, "node")
 
 
@@ -138,7 +137,7 @@ def heartbeat_id(node_id: int) -> int:
 
 
 def actuator_echo_id(node_id: int) -> int:
-    """Give the identifier under which a PE reports what its actuators were told."""
+    """Give the identifier of the output echo of a PE."""
     return _ECHO_BASE + _checked(node_id, PE_NODES, "PE")
 
 
@@ -188,7 +187,7 @@ _MEANINGS = dict(planned_uses())
 
 
 def classify(can_id: int) -> Meaning:
-    """Say what an 11-bit identifier means; whatever is not in the plan is UNASSIGNED."""
+    """Give the meaning of an 11-bit identifier; UNASSIGNED for one that is not in the plan."""
     return _MEANINGS.get(can_id, _UNASSIGNED)
 
 
@@ -199,7 +198,7 @@ class Source:
     standard: the standard identifier that the spec gives the variable, if any.
     best_version: lowest version in the best mode, that is in the first listed mode which gives the variable.
     criticality_rank: best criticality that it serves in any phase, 0 (A) .. 4 (E).
-    rate_mhz: how often it is sent, in thousandths of a hertz.
+    rate_mhz: rate at which it is sent, in thousandths of a hertz.
     order: its place in the spec.
     """
 
@@ -217,7 +216,8 @@ def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
 
     The best producer of a variable with a standard identifier has that one: lowest version in its best mode,
     then order in the spec. Every other pair takes the next allocated one by criticality, period, and order:
-    what matters more, and what is due sooner, wins the bus. Sources of equal rank keep the order of `sources`.
+    a more critical source, and then a faster one, has the higher priority. Sources of equal rank keep the order of
+    `sources`.
     Raises WireError when there are more than 221 of these, a standard identifier is none, or is given twice.
     """
     ordered = sorted(sources, key=lambda source: source.order)

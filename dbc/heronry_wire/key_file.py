@@ -1,7 +1,7 @@
-"""The file that holds a fleet's key: one line of 64 hexadecimal digits, for its owner's eyes alone.
+"""The file that holds a fleet's key: one line of 64 hexadecimal digits, which only its owner may read.
 
-A file that others may read is refused: a key that was readable is no secret any more, whoever has looked. It is made
-with mode 0600 from its first byte on, from the system's random source, and never written over.
+A file that other users may read is refused: its key must not count as secret any more. The file is made with mode 0600
+from its first byte on, from the system's random source, and never overwritten.
 """
 
 import os
@@ -21,7 +21,7 @@ class KeyFileError(HeronryError):
 
 
 def read_key(file: Path) -> Key:
-    """Read a key; raises KeyFileError."""
+    """Read a key from its file; raises KeyFileError."""
     try:
         with file.open(encoding="ascii") as stream:
             mode = os.fstat(stream.fileno()).st_mode

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """An unsigned number of `bits` bits; `labels` names its values where they are names."""
+    """An unsigned number of `bits` bits; `labels` gives the names of its values where they have names."""
 
     name: str
     bits: int
@@ -52,7 +52,7 @@ class Layout:
         return self.fields_of(data)
 
     def span(self, name: str) -> slice:
-        """Bytes of one field, for whoever needs it alone; raises ValueError where they are no whole ones."""
+        """Bytes of one field, for a reader of this field alone; raises ValueError unless it has whole bytes."""
         at = 0
         for field in self.fields:
             if field.name == name and at % 8 == field.bits % 8 == 0:

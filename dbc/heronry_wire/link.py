@@ -1,33 +1,36 @@
 """One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
 A frame that was handed over is *in flight* until its echo comes back: the bus is opened with `receive_own_messages`,
-and the echo is known by its identifier and bytes (on one host SocketCAN marks everybody's frames as "not received").
-Only then does the next most urgent one follow, so that what becomes urgent meanwhile goes first. An echo that does not
-come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and counted; if it comes after all,
-it is still known and taken out.
+and the echo is recognized by its identifier and bytes (SocketCAN marks the frames of all programs on one host as "not
+received"). Only then does the next most urgent frame follow, so that a more urgent frame that is queued meanwhile goes
+first. An echo that does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and
+counted; if it comes after all, it is still recognized and taken out.
 
-What arrives is dated: its time-stamp is turned into the monotonic clock, so that whoever was stopped for a while does
-not take old frames for news.
+Each arrival has a time: the time-stamp of the frame is converted to the monotonic clock, so that a process that stood
+still does not take old frames for new ones.
 
-A back-end asked to send while the controller's own queue is full (ENOBUFS, a busy mailbox) is tried again a
-millisecond later; no error is ever the end of a link that was once open:
+A frame that the back-end cannot take because the controller's own queue is full (ENOBUFS, a busy mailbox) is tried
+again a millisecond later; no error ends a link that was once open:
 
     open   frames go in and out
-    lost   the interface is down or gone, the hub has ended, the controller is bus-off, or whatever a back-end raises:
-           the bus is closed, what waited to be sent is dropped, as is what is sent meanwhile, and every REOPEN_NS it is
+    lost   the interface is down or gone, the hub has ended, the controller is bus-off, or a back-end has raised an
+           exception: the bus is closed, frames that wait or are sent meanwhile are dropped, and every REOPEN_NS it is
            opened again. A SocketCAN interface whose controller is bus-off is restarted before, unless Linux will do it
-           (restart-ms); one at another bit rate than was asked for is left alone: speaking there would destroy frames.
-           What may take seconds to open (`slow_opening`) is opened beside everything else
+           (restart-ms); one at another bit rate than requested is not used: sending there would destroy frames.
+           A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
-`health` says since when it is lost, tells it in sentences, and counts. Only a bus that cannot be opened at the start
-raises LinkError, with one sentence; one channel of a replicated bus (`replicated_link`) may begin lost.
+`health` has the time since when the bus is lost, the link status events as sentences, and counts. Only a bus that
+cannot be opened at the start raises LinkError, with one sentence; one channel of a replicated bus (`replicated_link`)
+may begin lost.
 
-A node need not hear everything: `accept` has the kernel (or the hub of a software bus) keep back what means nothing to
-it. Filters keep back echoes as well, so an identifier that is sent for the first time is let in before it goes out.
+A node need not receive all frames: `accept` has the kernel (or the hub of a software bus) filter out identifiers that
+the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
+before the frame goes out.
 
-That a back-end echoes, stamps frames by this machine's clock, and has nothing left when it gives nothing, is known of
-SocketCAN and the software bus. Others are driven without: there a frame counts as sent when `send` returns, and has
-arrived when it is taken; what means nothing is dropped here, and they are asked again while there is something to read.
+Of SocketCAN and the software bus it is known that they echo frames, stamp them with this machine's clock, and have
+nothing left when `recv` gives nothing. With other back-ends a frame counts as sent when `send` returns, and as arrived
+when it is taken; frames that the node does not take are dropped here, and `recv` is called again while there is
+something to read.
 """
 
 import select
@@ -54,7 +57,7 @@ from heronry_wire.transmit_queue import TransmitQueue
 ECHO_TIMEOUT_NS = 100_000_000
 RETRY_NS = 1_000_000
 REOPEN_NS = 250_000_000
-STUCK_NS = 1_000_000_000  # nothing has got out for so long
+STUCK_NS = 1_000_000_000  # no frame has left for so long
 _WELL_KNOWN = ("socketcan", "softbus")
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
@@ -80,21 +83,21 @@ class Link:
         self.echoes_lost = 0
         self.has_more = False  # the last `receive` took a whole burst
         self.queue = TransmitQueue()
-        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, and how long it took
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, ns in controller
         self._in_flight: Frame | None = None
         self._handed_ns = 0  # when it was handed over
-        self._departed: deque[int] = deque(maxlen=_BURST)  # how long frames took to leave, since somebody last asked
+        self._departed: deque[int] = deque(maxlen=_BURST)  # times of frames in the controller, since the last call
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
-        self._waiting_since_ns: int | None = None  # for anything that was sent to get out
+        self._waiting_since_ns: int | None = None  # since when no frame has left
         self._deadline_ns: int | None = None  # of the echo, of the next try, or of opening the bus again
-        self._wanted: frozenset[int] | None = None  # None: everything
-        self._sent: set[int] = set()  # identifiers whose echoes must come in
+        self._wanted: frozenset[int] | None = None  # None: all identifiers
+        self._sent: set[int] = set()  # identifiers whose echoes must pass the filters
         self._overruns = 0
         self._config = {**config, "receive_own_messages": True}
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
-        self._connection: socket.socket | None = None  # that may end without a word
+        self._connection: socket.socket | None = None  # may end without an exception
         self._opening: SlowOpening | None = None
         if may_begin_lost:
             self._try_to_open(time.monotonic_ns(), None)
@@ -108,34 +111,34 @@ class Link:
 
     @property
     def readers(self) -> Sequence["Link"]:
-        """What to wait on until something has come."""
+        """Links to select on for incoming frames."""
         return (self,) if self._bus is not None else ()
 
     @property
     def off_since_ns(self) -> int | None:
-        """Since when nothing can be sent or heard; None while something can."""
+        """Time in ns since when the bus is lost; None while it can be used."""
         return self.health.off_since_ns
 
     def take_link_events(self) -> list[str]:
-        """Give what has befallen the bus since the last call, in sentences."""
+        """Give the link status events since the last call, as sentences."""
         return self.health.take_link_events()
 
     @property
     def nothing_waits(self) -> bool:
-        """Tell whether everything that was sent has been handed over."""
+        """Tell whether all queued frames have been handed over."""
         return not self.queue
 
     @property
     def all_left(self) -> bool:
-        """Tell whether everything that was sent is on the bus."""
+        """Tell whether all queued frames have left on the bus."""
         return self._bus is not None and not self.queue and self._deadline_ns is None
 
     def fileno(self) -> int:
-        """Descriptor that is readable when `receive` has something; only while `is_open`."""
+        """File descriptor that is readable when `receive` has frames; only while `is_open`."""
         return self._fileno
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
-        """Queue a frame; it goes out when it is the most urgent one and the bus is free, if that is by `until_ns`."""
+        """Queue a frame; it is sent when it is the most urgent one, the bus is free, and `until_ns` has not passed."""
         if self.put(frame, until_ns):
             self.pump(now_ns)
 
@@ -143,27 +146,27 @@ class Link:
         """Queue a frame for the next `pump`; tells whether the bus is there."""
         if self._bus is None:
             self.health.counts["not sent while lost"] += 1
-            self._departed.append(0)  # gone, as far as anybody who waits for it goes
+            self._departed.append(0)  # it has left the queue, for a caller that waits for it
             return False
         self.queue.push(frame, until_ns)
         return True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back what waits under these identifiers; what is in flight stays there."""
+        """Withdraw the frames that wait under these identifiers; one in flight stays there."""
         self.queue.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hand nothing over until then but what is more urgent than data."""
+        """Hand over only frames with a higher priority than data until then."""
         self.queue.stands_back_until_ns = until_ns
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
+        """Receive only frames of these 11-bit identifiers from now on, and the echoes of frames that are sent."""
         self._wanted = frozenset(identifiers)
         with self._surviving(time.monotonic_ns()):
             self._set_filters()
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Take what has arrived, without waiting, at most a burst; own echoes and error frames are taken out."""
+        """Take the frames that have arrived, without waiting, at most a burst; without echoes and error frames."""
         arrivals: list[Arrival] = []
         wall_ns = time.time_ns()
         self.has_more = False
@@ -189,7 +192,7 @@ class Link:
         return arrivals
 
     def pump(self, now_ns: int) -> None:
-        """Hand over the next frame if none is in flight; also to be called when `next_deadline_ns` has come."""
+        """Hand over the next frame if none is in flight; called also when `next_deadline_ns` has come."""
         if self._deadline_ns is not None and now_ns < self._deadline_ns:
             return
         self._deadline_ns = None
@@ -210,7 +213,7 @@ class Link:
                 pass
 
     def next_deadline_ns(self) -> int | None:
-        """When to call `pump` at the latest."""
+        """Time in ns at which to call `pump` at the latest; None: no deadline."""
         if self._deadline_ns is None and len(self.queue):
             return self.queue.stands_back_until_ns
         return self._deadline_ns
@@ -226,14 +229,14 @@ class Link:
 
     @contextmanager
     def _surviving(self, now_ns: int) -> Iterator[None]:
-        """Whatever the bus raises in here, it is lost, and nothing else happens."""
+        """Take the bus for lost if it raises an exception in this context."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything
             self._lose(sentence_of(error), now_ns)
 
     def _lose(self, reason: str, now_ns: int) -> None:
-        with suppress(Exception):  # it is broken, and may say so again
+        with suppress(Exception):  # it is broken, and may raise again
             self.close()
         self._bus = None
         self.health.lost(now_ns, reason)
@@ -245,11 +248,11 @@ class Link:
         self._deadline_ns = now_ns + REOPEN_NS
 
     def _open(self, opened: Opened | None = None) -> None:
-        """Open the bus, unless it has been opened, and see that it works; raises LinkError."""
+        """Open the bus, unless `opened` gives it, and check that it works; raises LinkError."""
         look_at_interface(self._config)
         bus, self._fileno, self._connection = opened or open_bus(self._config)
         try:
-            bus.recv(0)  # an interface that is down can be opened, and says so here
+            bus.recv(0)  # an interface that is down can be opened, and fails here
             look_at_interface(self._config)  # again: it may have come up, at another bit rate, in between
             self._bus = bus
             self._is_well_known = bus.channel_info.partition(" ")[0] in _WELL_KNOWN
@@ -275,7 +278,7 @@ class Link:
         self._try_to_open(now_ns, result)
 
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
-        """Open the bus now, or take what a try of its own has come to."""
+        """Open the bus now, or take the result of a slow opening."""
         try:
             if isinstance(result, HeronryError):
                 raise result
@@ -287,13 +290,13 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """How long each frame that has left since the last call was in the controller; 0 where nobody knows."""
+        """Time in ns in the controller of each frame that has left since the last call; 0 where it is not known."""
         departed = list(self._departed)
         self._departed.clear()
         return departed
 
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
-        """Tell whether a frame is one of our own, and let the next one follow."""
+        """Tell whether a frame is an echo; if it is the one in flight, hand over the next frame."""
         if frame == self._in_flight:
             self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None
@@ -317,13 +320,16 @@ class Link:
             self._lose("its controller is bus-off", now_ns)
 
     def _count_overruns(self, now_ns: int) -> None:
-        """After a full burst: see whether there was more than SocketCAN had room for."""
+        """After a full burst, count the frames for which SocketCAN had no room."""
         dropped = 0 if self._bus is None else frames_dropped(self._bus)
         self.health.overrun(dropped - self._overruns, now_ns)
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """After nothing was given, which may have been an answer of a modem; raises OSError where there is no more."""
+        """Tell whether nothing is left to read after `recv` gave None, as it does for an answer of a modem.
+
+        Raises OSError where the connection has ended.
+        """
         if self._is_well_known or self._bus is None:
             return True
         if self._connection is not None:
@@ -331,7 +337,7 @@ class Link:
         return not select.select([self._fileno], [], [], 0)[0]
 
     def _wants(self, frame: Frame) -> bool:
-        """Tell whether a frame means anything; filters have seen to it where they are known to."""
+        """Tell whether the node takes a frame; where the back-end filters, every frame passes."""
         if self._is_well_known or self._wanted is None:
             return True
         return frame.can_id in self._wanted and not frame.extended
@@ -343,7 +349,7 @@ class Link:
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
     def _hand_over(self, bus: can.BusABC, frame: Frame, now_ns: int) -> bool:
-        """Send the first frame of the queue; tells whether another may follow at once."""
+        """Send the first frame of the queue; tells whether another may follow immediately."""
         if frame.can_id not in self._sent:
             self._sent.add(frame.can_id)
             self._set_filters()

@@ -1,19 +1,19 @@
 """The management protocol: every message between a manager and the PEs, and its bytes.
 
-Who says what
+Senders
     The manager (126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
-    reconfigures, PING when it suspects, CONTROL to acknowledge. A PE sends STATE every heartbeat period
-    (`state_frames`) and EMCY for a fault. Nothing else commands or reports.
+    reconfigures, PING to a suspect PE, CONTROL to acknowledge. A PE sends STATE every heartbeat period
+    (`state_frames`) and EMCY for a fault. There are no other commands or reports.
 
 Two phases, numbered
-    PREPARE names a new epoch and the digest of the whole configuration, and the number of a contingency if it is one:
-    a PE that has that on board stages it. For each other PE, SLICE with index 0 gives
-    length and digest of its slice; a PE whose running slice has that digest stages it at once, any other collects the
-    body from the frames 1, 2, ... (five bytes each) in any order, doubled or not. What is staged is told in page 1.
-    ACTIVATE then carries a step, and LEASE repeats it for whoever missed it:
+    PREPARE names a new epoch and the digest of the whole configuration, and the number of a contingency if it is one: a
+    PE that has that on board stages it. For each other PE, SLICE with index 0 gives length and digest of its slice; a
+    PE whose running slice has that digest stages it immediately, any other PE collects the body from the frames 1, 2,
+    ... (five bytes each) in any order, doubled or not. Page 1 of the state reports what is staged. ACTIVATE then
+    carries a step, and LEASE repeats it for a PE that missed it:
 
-    step BREAK   stop what the new slice lacks, rewire what stays, send nothing new, report BROKEN
-    step GO      start the rest, but for DEMUX branches that are new on this PE: those stay held (PARTIAL)
+    step BREAK   stop modules that the new slice lacks, rewire those that stay, send no new data, report BROKEN
+    step GO      start the rest, except DEMUX branches that are new on this PE: those stay held (PARTIAL)
     step GO_ALL  start those too (ACTIVE)
 
     A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
@@ -22,12 +22,12 @@ Two phases, numbered
 
 Numbers
     An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 (PREPARE has no room for more) and
-    only rises; one outside is malformed. A digest is 24 bits. All numbers are big-endian, but for EMCY, whose head is
+    only rises; one outside is malformed. A digest is 24 bits. All numbers are big-endian, except in EMCY, whose head is
     CiA 301's and little-endian.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
-Source: docs/protocol.md, rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
+Source: docs/protocol.md, protocol rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
 from collections.abc import Iterable, Mapping
@@ -44,7 +44,7 @@ SLICE_BYTES_PER_FRAME = 5
 
 
 class Step(IntEnum):
-    """How far an epoch has got; each contains those before it."""
+    """Steps of an epoch; each contains those before it."""
 
     PREPARED = 0
     BREAK = 1
@@ -55,19 +55,19 @@ class Step(IntEnum):
 class Operation(IntEnum):
     """Operations of CONTROL."""
 
-    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): it has been heard. Where
-    # all that was heard is that the module was built anew, RESTART_HEARD is added to a
-    CLEAR = 2  # a = element kind, b = element index: the operator takes the element for well again
+    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): the manager has it. Where
+    # it has only the report that a module was built anew, RESTART_HEARD is added to a
+    CLEAR = 2  # a = element kind, b = element index: the operator clears the faults of the element
     WELCOME = 3  # a, b = upper and lower half of the command's own number: the answer to the nonce of one PE
-    RENEW = 4  # send a fresh nonce: the states of this PE cannot be believed as they are
+    RENEW = 4  # send a fresh nonce: the states of this PE cannot be verified
     UNLOCK = 5  # a = seconds for which NMT and SDO may write on this one PE
-    HOLDS = 6  # a = element kind, b = element index: it is latched; of a phase, it is the present one. For a standby
+    HOLDS = 6  # a = element kind, b = element index: it is latched; a phase is the present one. For a standby manager
 
 
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order.
 
-    A phase is only asked for. Of a channel the index is that of the bus among those of the PE that tells, and the
+    A phase occurs only in requests. Of a channel the index is that of the bus among those of the reporting PE, and the
     detail of the EMCY is the channel's number, from 1.
     """
 
@@ -85,16 +85,16 @@ class FaultCode(IntEnum):
     RESET = 0x0000
     MODULE_EXCEPTION = 0xFF01
     MODULE_OVERRUN = 0xFF02
-    REPORTED = 0xFF03  # a module says that an element has failed
-    PARTITION_ENDED = 0xFF04  # the process of a module ended under it
+    REPORTED = 0xFF03  # a module reports that an element has failed
+    PARTITION_ENDED = 0xFF04  # the process of a module ended while it ran
     MODULE_RESTARTED = 0xFF08  # no fault yet: a module has failed, and was built anew; the detail counts
     CHANNEL_LOST = 0xFF09  # no fault of this PE: a channel of a replicated bus carries nothing here
-    CHANNEL_BACK = 0xFF0A  # it does again
-    PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, asks for a mission phase
+    CHANNEL_BACK = 0xFF0A  # the channel carries frames again
+    PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, requests a mission phase
 
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
-RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: the module was built anew; that it has failed for good was not heard
+RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: of the restart of a module, not of its failure
 REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
 
@@ -133,7 +133,7 @@ EMCY = Layout(
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """The manager reigns: `epoch` with `digest` stands at `step` (rule 4)."""
+    """The manager is active: `epoch` with `digest` is at `step` (protocol rule 4)."""
 
     term: int
     epoch: int
@@ -147,7 +147,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """The PEs that the manager counts on, as node-IDs 92..125 (rule 6)."""
+    """The PEs that the manager has available, as node-IDs 92..125 (protocol rule 6)."""
 
     term: int
     sequence: int
@@ -160,7 +160,7 @@ class Alive:
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """A configuration is about to be staged: contingency number such and such; with 0 the slices follow."""
+    """Stage a configuration: the contingency of this number; with 0 the slices follow."""
 
     term: int
     epoch: int
@@ -219,7 +219,7 @@ class Activate:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Say your state now; node 0 asks everybody."""
+    """Send both pages of the state now; node 0 addresses all PEs."""
 
     term: int
     node: int
@@ -247,7 +247,7 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """A fault: which element, and a detail (0..65535) that its finder chose."""
+    """A fault: its element, and a detail (0..65535) that the reporting module chose."""
 
     code: FaultCode
     error_register: int
@@ -257,7 +257,7 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give a and b of the ACKNOWLEDGE that answers just this, so that nothing else is taken for heard."""
+        """Give a and b of the ACKNOWLEDGE of this report, and of no other."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
@@ -278,18 +278,18 @@ COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
     Ping: Command.PING,
     Control: Command.CONTROL,
 }
-"""Under which of its manager's identifiers a message goes out."""
+"""The command (identifier of its manager) under which each message is sent."""
 
 
 def is_newer(epoch: int, than: int) -> bool:
-    """Tell whether an epoch is newer than another, modulo 2^16; any is newer than none, and none than nothing."""
+    """Tell whether an epoch is newer than another, modulo 2^16; any epoch is newer than NO_EPOCH, which never is."""
     if NO_EPOCH in (epoch, than):
         return epoch != than and than == NO_EPOCH
     return 0 < (epoch - than) % 0x10000 < 0x8000
 
 
 def newest_epoch(epochs: Iterable[int]) -> int:
-    """Newest of some epochs that lie close together; none of none."""
+    """Newest of some epochs that lie close together; NO_EPOCH where there are none."""
     newest = NO_EPOCH
     for epoch in epochs:
         newest = epoch if is_newer(epoch, newest) else newest
@@ -390,13 +390,13 @@ def slice_node(data: bytes) -> int:
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Term of an ALIVE and whether it names one node (92..125): all that a PE asks of it; None for a wrong length."""
+    """Term of an ALIVE and whether it names one node (92..125), which is all a PE needs; None for a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 
 
 def without_sequence(alive: bytes) -> bytes:
-    """Give what an ALIVE says but for its sequence, which always changes."""
+    """Give the bytes of an ALIVE without its sequence, which always changes."""
     return alive[: _SEQUENCE.start] + alive[_SEQUENCE.stop :]
 
 

@@ -1,18 +1,18 @@
-"""CANaerospace node services: questions to one node or to all, and their answers.
+"""CANaerospace node services: requests to one node or to all, and their answers.
 
-What it decides: which channel, direction and service a frame is, and which bytes a request or an answer has
-(CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: everybody), an answer the
-node-ID of the one that answers. Channel c has the identifiers 128 + 2c (c = 0..35) or 2000 + 2(c - 100)
-(c = 100..115) for requests, and the next one for answers. Channel 110 is CANopen's (LSS) and is never used here.
+This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
+(CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
+its sender. Channel c has the identifiers 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115) for requests, and the
+next one for answers. Channel 110 is CANopen's (LSS) and is never used here.
 
 States: none. Every node of this project answers IDS on channel 0; a PE answers TIS and STS there as well, and takes
-NSS. The other services are known so that tools can ask other people's units, and show what is said. A lost answer is
-asked for again by who wants it; V1.7 gives 100 ms. To a broadcast every node answers: in this project node n waits
-(n - 92) ms, so that the answers do not all start at once.
+NSS. The other services are here so that tools can send requests to units of other makers, and show the answers. After a
+lost answer the sender of the request repeats it; V1.7 gives 100 ms. Every node answers a broadcast: in this project
+node n waits (n - 92) ms, so that the answers do not all start together.
 
 Blocks (DDS writes, DUS reads) are a start with the number of messages, data messages numbered from 0, and a
-checksum that names the last number. Where V1.7 is silent (number of the first message, what the sum is over)
-this follows the common C implementation: from 0, and the sum of all bytes modulo 2**32.
+checksum that names the last number. What V1.7 does not specify (number of the first message, range of the sum) follows
+the common C implementation: from 0, and the sum of all bytes modulo 2**32.
 """
 
 from enum import IntEnum
@@ -54,7 +54,7 @@ class Service(IntEnum):
 
 
 class Result(IntEnum):
-    """What a node says in the message code of an answer (signed), or in the LONG of a block answer.
+    """Result in the message code of an answer (signed), or in the LONG of a block answer.
 
     In an answer to DDS, 0 means XOFF (wait) and 1 means XON (go on).
     """
@@ -68,12 +68,12 @@ class Result(IntEnum):
 
     @property
     def message_code(self) -> int:
-        """The byte that carries it as a signed number."""
+        """The byte of the message code, for the signed number."""
         return self & 0xFF
 
 
 class ServiceMessage(NamedTuple):
-    """A node service frame: `datum.node_id` is who is asked or answers, `datum.service_code` the service."""
+    """A node service frame: `datum.node_id` is the node addressed or answering, `datum.service_code` the service."""
 
     channel: int
     is_answer: bool
@@ -127,27 +127,27 @@ def request(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Ask a node (0: everybody); IDS, STS, FPS, NIS and DSS carry no value, but for their message code."""
+    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry no value, only a message code."""
     return ServiceMessage(channel, is_answer=False, datum=Datum(node_id, data_type, service, message_code, value))
 
 
 def answer(
-    asked: ServiceMessage,
+    request: ServiceMessage,
     node_id: int,
     *,
     data_type: DataType | int = DataType.NODATA,
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Answer a request, on its channel, as node `node_id`."""
-    datum = Datum(node_id, data_type, asked.datum.service_code, message_code, value)
-    return ServiceMessage(asked.channel, is_answer=True, datum=datum)
+    """Make the answer to a request, on its channel, of node `node_id`."""
+    datum = Datum(node_id, data_type, request.datum.service_code, message_code, value)
+    return ServiceMessage(request.channel, is_answer=True, datum=datum)
 
 
-def answer_identification(asked: ServiceMessage, node_id: int, own: Identification) -> ServiceMessage:
-    """Answer IDS; the message code is the one of the request."""
-    code = asked.datum.message_code
-    return answer(asked, node_id, data_type=DataType.UCHAR4, message_code=code, value=tuple(own))
+def answer_identification(request: ServiceMessage, node_id: int, own: Identification) -> ServiceMessage:
+    """Make the answer to IDS; the message code is that of the request."""
+    code = request.datum.message_code
+    return answer(request, node_id, data_type=DataType.UCHAR4, message_code=code, value=tuple(own))
 
 
 def read_identification(message: ServiceMessage) -> Identification | Malformed:
@@ -159,9 +159,9 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
     return Identification(*value)
 
 
-def answer_delay_ns(asked: ServiceMessage, node_id: int) -> int:
-    """How long a node waits before it answers: not at all, or, if all were asked, (n - 92) ms."""
-    return (node_id - FIRST_PE) * _NS_PER_MS if asked.datum.node_id == BROADCAST else 0
+def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
+    """Time in ns that a node waits before it answers: 0, or (n - 92) ms if all nodes were asked."""
+    return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0
 
 
 def block_data(service: Service, node_id: int, block: bytes) -> list[Datum]:

@@ -1,10 +1,10 @@
-"""Whole numbers in as few bytes as they need: seven bits a byte, the least significant group first."""
+"""Whole numbers in as few bytes as possible: seven bits a byte, the least significant group first."""
 
 from collections.abc import Iterable
 
 
 class PackingError(ValueError):
-    """Bytes that end too early, or a number that does not end."""
+    """The bytes end too early, or a number has more than 70 bits."""
 
 
 def pack(numbers: Iterable[int]) -> bytes:

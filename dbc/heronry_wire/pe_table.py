@@ -1,9 +1,9 @@
 """The table of one PE: all of a spec that a PE needs, compiled by the manager, read by the agent.
 
-The agent knows no graph and no YAML. What a slice says in indices, the table explains: modules and their modes and
-leaves, sources and their identifiers, and which nodes lie behind which bus. It travels as JSON text (UTF-8, stdlib
-only), written by `PeTable.to_json` and read by `PeTable.from_json`, which refuses what it does not understand with one
-sentence and never builds half a table.
+The agent knows no graph and no YAML. The table resolves the indices of a slice: modules and their modes and leaves,
+sources and their identifiers, and which nodes lie behind which bus. It is JSON text (UTF-8, stdlib only), written by
+`PeTable.to_json` and read by `PeTable.from_json`, which refuses a text that it does not understand with one sentence
+and never builds part of a table.
 
 Indices: modules, devices and buses count in the spec's order, over the whole spec. A *source* is a pair (producing
 module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order of its
@@ -31,7 +31,7 @@ _SHA_256 = re.compile("[0-9a-f]{64}")
 
 
 class TableError(HeronryError, ValueError):
-    """A table that cannot be used; the message says why and what to do, in one line whatever the table has in it."""
+    """A table cannot be used; the message says why and what to do, in one line for any content of the table."""
 
     def __init__(self, sentence: str) -> None:
         super().__init__(on_one_line(sentence))
@@ -39,7 +39,7 @@ class TableError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """One bus this PE sits on."""
+    """One bus of this PE."""
 
     bus: str
     bitrate: int  # bit/s
@@ -48,8 +48,8 @@ class Port:
     wireless: bool
     channels: int
     nodes: tuple[int, ...]  # PEs that are reached through this port, directly or over gateways
-    data_per_mille: int = 700  # what data may take of the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # under which to report on a radio away from the manager, where this PE is to
+    data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
+    link_id: int | None = None  # of this PE's reports on a radio away from the manager; None: no reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,21 +84,21 @@ class ModuleEntry:
     demux: bool  # a branch of a DEMUX: its output is exclusive
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
-    silent_output: bool = False  # it serves a function and drives no actuator: only an echo shows that it runs
+    silent_output: bool = False  # it serves a function without an actuator: only an echo shows that it runs
     partition: str = ""  # modules of one partition share a process
-    ram: int = 0  # bytes that it may take in the largest of its modes
-    restarts: int = 0  # how often it is built anew, when it fails, before it is given up
+    ram: int = 0  # bytes, in the largest of its modes
+    restarts: int = 0  # how often it is built anew after a failure, before it is given up
 
 
 @dataclass(frozen=True, slots=True)
 class SourceEntry:
-    """A (producing module, variable) pair, the identifier of its data frames, and how long one may be waited for."""
+    """A (producing module, variable) pair, the identifier of its data frames, and their longest period."""
 
     module: str
     variable: str
     identifier: int
-    period_ns: int  # the longest over the modes that give it: a slice does not say in which one its producer runs
-    movable: bool = False  # its module may run beyond this PE and on its side of it: what is forwarded up is exclusive
+    period_ns: int  # the longest of the modes that give it: a slice does not name the mode of a remote producer
+    movable: bool = False  # its module may run beyond this PE and on this side: forwarding it up is exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class PhaseEntry:
     """A mission phase, and its own rule: entered once `variable` was beyond a threshold for `hold_ns`."""
 
     name: str
-    variable: str | None = None  # None: it has no rule
+    variable: str | None = None  # None: no rule
     above: float | None = None
     below: float | None = None
     hold_ns: int = 0
@@ -131,7 +131,7 @@ class PhaseEntry:
 
 @dataclass(frozen=True, slots=True)
 class PeTable:
-    """Everything one PE knows of a spec."""
+    """All that one PE knows of a spec."""
 
     format: int
     spec: str
@@ -146,11 +146,11 @@ class PeTable:
     sources: tuple[SourceEntry, ...]
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
-    module_names: tuple[str, ...]  # of the whole spec: EMCY counts in it
+    module_names: tuple[str, ...]  # of the whole spec: the index in EMCY
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
-    contingencies: str = ""  # what is on board (`contingency_block`), in base64
-    command_period_ns: int = 0  # in which LEASE comes: the slowest heartbeat on its way (0: as the uplink's)
+    contingencies: str = ""  # contingencies on board (`contingency_block`), in base64
+    command_period_ns: int = 0  # of LEASE: the slowest heartbeat on its way (0: that of the uplink)
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""
@@ -177,7 +177,7 @@ class PeTable:
             raise TableError(f"the contingencies of the table cannot be read ({error}); {_REMEDY}") from None
 
     def leaf_counts(self) -> dict[tuple[int, int], int]:
-        """Number of leaves of each (module index, mode index): what `decode_slice` needs."""
+        """Number of leaves of each (module index, mode index), for `decode_slice`."""
         return {(m.index, i): len(mode.leaves) for m in self.modules for i, mode in enumerate(m.modes)}
 
 
@@ -187,7 +187,7 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """What the numbers of a table contradict; the types are right already."""
+    """Contradictions between the numbers of a table, each as a sentence; the types are already checked."""
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):

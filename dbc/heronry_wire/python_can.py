@@ -1,7 +1,7 @@
-"""What python-can says, in our words: its messages as frames, its errors as one sentence, and how many frames it lost.
+"""From python-can to this project: its messages as frames, its errors as one sentence, and its count of lost frames.
 
-A back-end may raise anything: its own errors, the kernel's, a NameError where its library is missing. Where we know
-better than its text what to do, that is said instead.
+A back-end may raise anything: its own errors, the kernel's, a NameError where its library is missing. Where a remedy is
+known, it takes the place of the error's own text.
 """
 
 import errno
@@ -21,7 +21,7 @@ _REMEDIES = {
 
 
 def frame_of(message: can.Message) -> Frame:
-    """Give a frame of python-can as one of ours."""
+    """Convert a message of python-can to a frame."""
     return Frame(
         message.arbitration_id,
         b"" if message.is_remote_frame else bytes(message.data),
@@ -32,14 +32,14 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def message_of(frame: Frame) -> can.Message:
-    """Give a frame of ours as one of python-can, to be sent."""
+    """Convert a frame to a message of python-can, to be sent."""
     return can.Message(
         arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
     )
 
 
 def frames_dropped(bus: can.BusABC) -> int:
-    """How many frames SocketCAN had to drop since the bus was opened; 0 on any other, which do not tell."""
+    """Number of frames that SocketCAN has dropped since the bus was opened; 0 for back-ends that do not tell."""
     raw = getattr(bus, "socket", None)
     if not isinstance(raw, socket.socket):
         return 0
@@ -57,7 +57,7 @@ def is_full(error: Exception) -> bool:
 
 
 def sentence_of(error: BaseException) -> str:
-    """First line of an error, without a full stop, or what to do where we know better."""
+    """First line of an error, without a full stop, or its remedy where one is known."""
     code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
     if code in _REMEDIES:
         return _REMEDIES[code]

@@ -1,25 +1,27 @@
-"""A replicated bus of one node: every frame goes out on both channels, and what comes in on either is taken once.
+"""A replicated bus of one node: every frame goes out on both channels, and is taken once from either.
 
-Above this file there is one bus (`AnyLink`): whoever drives a node sends a frame once and receives it once, whichever
-channel brings it. Which copy is taken is `channel_merge`'s to say, and which channel is lost `channel_watch`'s. Each
-channel is a `Link` with a queue of its own, and none waits for the other:
+For its caller this is one bus (`AnyLink`): the driver of a node sends a frame once and receives it once, from whichever
+channel brings it. `channel_merge` decides which copy is taken, and `channel_watch` which channel is lost. Each channel
+is a `Link` with a queue of its own, and neither waits for the other:
 
     both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
-                   a quarter of a heartbeat period left to start, and is then dropped: late copies serve nobody
+                   a quarter of a heartbeat period left to start, and is then dropped: a late copy is of no use
     one lags       (noise, a queue that is full, an error-passive controller) its copies are dropped as they grow old.
-                   A frame that its controller already has cannot be taken back; who gets it too late withholds it
-    one is lost    (the interface is gone, bus-off, the wire is cut) nothing changes but what is told: `lost_channels`
-                   names it after `misses` heartbeats, and the link tells of what it knows. It is opened again and again
-    both are lost  the bus is lost since the second one went: `off_since_ns`. One of them coming back ends that
-    one returns    it sends and hears at once, and what is late on it is withheld (`channel_merge`). It counts as lost
-                   until it has kept up for ten periods
-    one's own wire or the sender's own wire is as good as the channel, for this node or for that sender
+                   A frame that its controller already has cannot be withdrawn; a receiver withholds it if it is late
+    one is lost    (the interface is gone, bus-off, the wire is cut) only the reports change: `lost_channels` names the
+                   channel after `misses` heartbeats, and its link has an event. The link is opened again and again
+    both are lost  the bus is lost since the second channel was lost: `off_since_ns`. The return of one ends that
+    one returns    it sends and receives immediately, and late frames on it are withheld (`channel_merge`). It counts as
+                   lost until it has kept up for ten periods
 
-At the start one channel may be missing, since a node must come up in flight when a wire has failed: only if neither can
-be opened is that a LinkError.
+A break of this node's own wire, or of the sender's wire, has the same effect as one of the channel, for this node or
+for that sender.
 
-What is not seen: two nodes that have each lost another channel do not hear each other, while a third hears both. Each
-is told of by its own node, and somebody has to decide.
+At the start one channel may be missing, since a node must come up in flight when a wire has failed: LinkError is raised
+only if neither can be opened.
+
+Not detected here: two nodes that have each lost another channel do not hear each other, while a third hears both. Each
+node reports its own loss, and the operator has to decide.
 
 A bus with one channel is a plain `Link` (`open_link`), and none of this runs.
 """
@@ -40,10 +42,10 @@ _DEPARTURES_KEPT = 64
 
 
 class ReplicatedLink:
-    """Two links that are one bus."""
+    """Two links that form one bus."""
 
     def __init__(self, configs: Sequence[Mapping[str, Any]], heartbeat_ns: int, misses: int) -> None:
-        """Open both channels; raises LinkError where neither can be opened. Heartbeat and misses are the bus's."""
+        """Open both channels of a bus with this heartbeat and misses; raises LinkError where neither can be opened."""
         self.links = tuple(Link(config, may_begin_lost=True) for config in configs)
         self.merge = ChannelMerge(heartbeat_ns)
         self.name = " and ".join(link.name for link in self.links)
@@ -51,9 +53,9 @@ class ReplicatedLink:
             raise LinkError("; ".join(f"{link.name} cannot be opened: {link.health.reason}" for link in self.links))
         self._watch = ChannelWatch(heartbeat_ns, misses, monotonic_ns())
         self._latest_copy_ns = latest_copy_ns(heartbeat_ns)
-        self._leaving = ChannelMerge(heartbeat_ns)  # which of two copies is the first to leave
+        self._leaving = ChannelMerge(heartbeat_ns)  # decides which of two copies has left first
         self._departed: deque[int] = deque(maxlen=_DEPARTURES_KEPT)
-        self.on_departure: Callable[[Frame, int, int], None] | None = None  # of its first copy: as a link's
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # for first copies, as in `Link`
         for channel, link in enumerate(self.links):
             link.on_departure = partial(self._left, channel)
 
@@ -64,7 +66,7 @@ class ReplicatedLink:
 
     @property
     def readers(self) -> Sequence[Link]:
-        """What to wait on until something has come."""
+        """Links to select on for incoming frames."""
         return [link for link in self.links if link.is_open]
 
     @property
@@ -74,54 +76,54 @@ class ReplicatedLink:
 
     @property
     def off_since_ns(self) -> int | None:
-        """Since when nothing can be sent or heard; None while something can."""
+        """Time in ns since when both channels are lost; None while one can be used."""
         since_ns = [link.off_since_ns for link in self.links]
         known_ns = [one_ns for one_ns in since_ns if one_ns is not None]
         return max(known_ns) if len(known_ns) == len(since_ns) else None
 
     @property
     def nothing_waits(self) -> bool:
-        """Tell whether everything that was sent has been handed over, on a channel that is open."""
+        """Tell whether all queued frames have been handed over, on a channel that is open."""
         return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
 
     @property
     def all_left(self) -> bool:
-        """Tell whether everything that was sent is on some channel."""
+        """Tell whether all queued frames have left on some channel."""
         return any(link.all_left for link in self.links)
 
     def take_link_events(self) -> list[str]:
-        """Give what has befallen the channels since the last call, in sentences."""
+        """Give the link status events of both channels since the last call, as sentences."""
         return [sentence for link in self.links for sentence in link.take_link_events()]
 
     def lost_channels(self, now_ns: int) -> frozenset[int]:
-        """Channels, counted from 1, that carry nothing of what the other one carries."""
+        """Channels, counted from 1, that carry no frames although the other one does."""
         return self._watch.lost(now_ns)
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
-        """Queue a frame on both channels; a copy that cannot start by `until_ns` is not sent."""
+        """Queue a frame on both channels; a copy that cannot start by `until_ns` is dropped."""
         there = [link for link in self.links if link.put(frame, until_ns)]
         if not there:
-            self._departed.append(0)  # gone, as far as anybody who waits for it goes
+            self._departed.append(0)  # it has left the queue, for a caller that waits for it
         for link in there:
             link.pump(now_ns)
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back what waits under these identifiers; what a controller has stays there."""
+        """Withdraw the frames that wait under these identifiers; one that a controller has stays there."""
         for link in self.links:
             link.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hand nothing over until then, on either channel, but what is more urgent than data."""
+        """Hand over only frames with a higher priority than data until then, on both channels."""
         for link in self.links:
             link.stand_back(until_ns)
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
+        """Receive only frames of these 11-bit identifiers from now on, and the echoes of frames that are sent."""
         for link in self.links:
             link.accept(identifiers)
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Take what has arrived on either channel, without waiting, each frame once."""
+        """Take the frames that have arrived on either channel, without waiting, each frame once."""
         arrived = [(arrival, channel) for channel, link in enumerate(self.links) for arrival in link.receive(now_ns)]
         arrived.sort(key=lambda one: one[0].time_ns)
         taken = []
@@ -132,16 +134,16 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """Hand over what is next; also to be called when `next_deadline_ns` has come."""
+        """Hand over the next frame on each channel; called also when `next_deadline_ns` has come."""
         for link in self.links:
             link.pump(now_ns)
 
     def next_deadline_ns(self) -> int | None:
-        """When to call `pump` at the latest."""
+        """Time in ns at which to call `pump` at the latest; None: no deadline."""
         return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
 
     def departures_ns(self) -> list[int]:
-        """How long each frame that has left since the last call was in the controller that was first to send it."""
+        """Time in ns of each frame that has left since the last call in the controller that sent it first."""
         departed = list(self._departed)
         self._departed.clear()
         return departed
@@ -152,7 +154,7 @@ class ReplicatedLink:
             link.close()
 
     def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
-        """A frame has left on one channel."""
+        """A frame has left on one channel: limit the time of its copy on the other."""
         self._watch.left(channel, now_ns)
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
         if self._leaving.take(channel, frame, now_ns):

@@ -1,8 +1,8 @@
 """CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
 
-What it decides: how the eight bytes of a message are read and written. What follows from them is the server's affair
-(`heronry_agent.core.sdo_server`). An SDO message has eight bytes, always: a command, then index (little-endian) and
-sub-index, then four bytes of data or a length; or a command and seven bytes of data.
+This file reads and writes the eight bytes of a message; the server (`heronry_agent.core.sdo_server`) acts on them. An
+SDO message has eight bytes, always: a command, then index (little-endian) and sub-index, then four bytes of data or a
+length; or a command and seven bytes of data.
 
     client  command (three bits)        server answers
     1       download, initiate          3
@@ -95,22 +95,22 @@ def segment_data(message: bytes) -> bytes:
 
 
 def block_segment_data(message: bytes) -> bytes:
-    """Seven bytes of a segment in a block; how many of the last ones are data, the end of the block tells."""
+    """Seven bytes of a segment in a block; the end of the block tells how many bytes of the last segment are data."""
     return message[1:]
 
 
 def unused_in_block(message: bytes) -> int:
-    """How many bytes of the last segment are no data, in the message that ends a block transfer."""
+    """Number of bytes without data in the last segment, from the message that ends a block transfer."""
     return message[0] >> 2 & 7
 
 
 def block_acknowledged(message: bytes) -> tuple[int, int]:
-    """How many segments of a block have come in order, and how many the next one has, in what acknowledges a block."""
+    """From the acknowledgement of a block: segments that have come in order, and segments of the next block."""
     return message[1], message[2]
 
 
 def block_size(rest: bytes) -> int:
-    """Segments in a block, in the last four bytes of what opens a block transfer."""
+    """Segments in a block, from the last four bytes of the message that opens a block transfer."""
     return rest[0]
 
 
@@ -146,5 +146,5 @@ def block_checksum(message: bytes) -> int:
 
 
 def crc(data: bytes | bytearray) -> int:
-    """Checksum of what a block transfer carries: CRC-16, polynomial 1021h, from 0 (CiA 301, 7.2.4.3.16)."""
+    """Checksum of the data of a block transfer: CRC-16, polynomial 1021h, from 0 (CiA 301, 7.2.4.3.16)."""
     return crc_hqx(data, 0)

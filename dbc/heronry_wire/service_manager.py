@@ -1,9 +1,9 @@
-"""What a node tells systemd, if systemd started it: that it is ready, that it lives, and what it is at (sd_notify(3)).
+"""Reports of a node to systemd, if systemd started it: ready, alive, and a status (sd_notify(3)).
 
-Words go as datagrams to the UNIX socket that NOTIFY_SOCKET names; without it all of this does nothing. `lives` is to be
-called on the way by which heartbeats leave, and nowhere else: so a node whose heartbeats stop is killed and started
-again (WatchdogSec=), whatever else in it still runs. A word that is lost is said again; systemd forgives until
-WATCHDOG_USEC has passed, and four times in it are told.
+Reports are datagrams to the UNIX socket that NOTIFY_SOCKET names; without it no method has an effect. `lives` is called
+where a heartbeat leaves, and nowhere else: so systemd kills and restarts a node whose heartbeats stop (WatchdogSec=),
+even if other parts of it still run. A lost report is repeated: systemd waits for WATCHDOG_USEC, and the node reports
+four times in it.
 """
 
 import os
@@ -16,10 +16,10 @@ _TOLD_IN_A_WATCHDOG_PERIOD = 4
 
 
 class ServiceManager:
-    """The line to systemd."""
+    """Sends the reports of one node to systemd."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        """Read where to speak; NOTIFY_SOCKET may be a path, or an abstract name that begins with '@'."""
+        """Read the address; NOTIFY_SOCKET may be a path, or an abstract name that begins with '@'."""
         place = environment.get("NOTIFY_SOCKET", "")
         self._address = f"\0{place[1:]}" if place.startswith("@") else place
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) if place else None
@@ -29,7 +29,7 @@ class ServiceManager:
         self._is_ready = False
 
     def lives(self, now_ns: int) -> None:
-        """A heartbeat has left: the first makes this node ready, each later one feeds the watchdog."""
+        """A heartbeat has left: the first one reports this node ready, later ones reset the watchdog."""
         if self._socket is None:
             return
         if not self._is_ready:
@@ -40,19 +40,19 @@ class ServiceManager:
             self._say("WATCHDOG=1")
 
     def status(self, sentence: str) -> None:
-        """Tell what `systemctl status` shows."""
+        """Report a sentence that `systemctl status` shows."""
         self._say(f"STATUS={sentence}")
 
     def stopping(self) -> None:
-        """An orderly end begins."""
+        """Report that the node stops in order."""
         self._say("STOPPING=1")
 
     def close(self) -> None:
-        """Close the line."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
 
     def _say(self, word: str) -> None:
         if self._socket is not None:
-            with suppress(OSError):  # a full or missing socket is systemd's affair: the node flies on
+            with suppress(OSError):  # a full or missing socket must not stop the node
                 self._socket.sendto(word.encode(), socket.MSG_DONTWAIT, self._address)

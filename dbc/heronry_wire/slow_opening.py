@@ -1,14 +1,14 @@
-"""A bus that takes its time to open, opened while its node goes on.
+"""A bus that is slow to open, opened in a thread while its node goes on.
 
-What lies behind some back-ends of python-can is waited for: slcan gives its modem two seconds, and a socketcand has two
-for each of its answers. A node that has lost such a bus has others to serve meanwhile: a gateway whose radio is gone
-must not fall silent on its aircraft's bus. So a thread opens it, and the node looks now and then whether it has.
+Some back-ends of python-can wait for their hardware: slcan gives its modem two seconds, and a socketcand has two for
+each of its answers. A node that has lost such a bus has others to serve meanwhile: a gateway whose radio is gone must
+not fall silent on its aircraft's bus. So a thread opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
-    done        `result` is the bus, or the error; nothing happens any more
-    abandoned   nobody wants it: what it opens after all, it closes again
+    done        `result` is the bus, or the error; the thread has ended
+    abandoned   the result is not wanted any more: if the thread still opens the bus, it closes it again
 
-It ends with the process, wherever it waits.
+The thread ends with the process, in any state.
 """
 
 from collections.abc import Callable
@@ -22,14 +22,14 @@ class SlowOpening:
     """One try to open a bus."""
 
     def __init__(self, open_bus: Callable[[], Opened]) -> None:
-        """Begin; `open_bus` gives the bus, or raises."""
+        """Start the thread; `open_bus` gives the bus, or raises."""
         self.result: Opened | HeronryError | None = None
         self._is_wanted = True
         self._lock = Lock()
         Thread(target=self._run, args=(open_bus,), daemon=True).start()
 
     def abandon(self) -> None:
-        """Let go of it, whatever comes of it."""
+        """Give the opening up: the bus is closed when it is open."""
         with self._lock:
             self._is_wanted = False
             opened, self.result = self.result, None
@@ -40,7 +40,7 @@ class SlowOpening:
         found: Opened | HeronryError
         try:
             found = open_bus()
-        except Exception as error:  # noqa: BLE001 - whatever a back-end raises, this is the end of it
+        except Exception as error:  # noqa: BLE001 - a back-end may raise anything, and the thread must not
             found = error if isinstance(error, HeronryError) else HeronryError(f"it cannot be opened: {error}")
         with self._lock:
             if self._is_wanted:

@@ -1,9 +1,10 @@
 """A bus behind a socketcand (github.com/linux-can/socketcand): TCP, spoken by python-can.
 
-It is named by its channel, INTERFACE@HOST:PORT; where that names no server, can.conf has to. What python-can leaves to
-its caller is done here. It would wait for its server without end, and try to reach it without a pause: a server that
-is not there is told at once, and one that says nothing after `SERVER_S`. And it does not tell of its connection, which
-is what to wait on, and all there is to see it end by: one that its server has closed is readable for ever.
+The bus is named by its channel, INTERFACE@HOST:PORT; if the channel names no server, can.conf must. This file does what
+python-can leaves to its caller. python-can alone would wait for its server without end, and try to reach it without a
+pause: here a missing server is an error immediately, and a silent one after `SERVER_S`. And python-can does not give
+its connection, which is needed to wait for frames, and to see that the server has closed it: a closed connection stays
+readable.
 """
 
 import logging
@@ -14,16 +15,16 @@ from typing import Any
 
 import can
 
-INTERFACE = "socketcand"  # python-can's name of it
-SERVER_S = 2.0  # to answer
+INTERFACE = "socketcand"  # its name in python-can
+SERVER_S = 2.0  # limit for an answer of the server
 
 
 def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
-    """Open the bus that python-can's keyword arguments describe; raises whatever python-can does, or ValueError."""
+    """Open the bus of these keyword arguments of python-can; raises any exception of python-can, or ValueError."""
     place = _at_its_server(config)
     if "host" in place:
         socket.create_connection((place["host"], place["port"]), SERVER_S).close()
-    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every frame cut in two
+    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every split frame
     before_s = socket.getdefaulttimeout()
     socket.setdefaulttimeout(SERVER_S)
     try:
@@ -33,7 +34,7 @@ def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
 
 
 def connection_of(bus: can.BusABC) -> socket.socket | None:
-    """Give the connection of a bus that is open, to be waited on without limit; None if it is of another kind."""
+    """Give the connection of an open bus, set to blocking; None for a bus of another back-end."""
     if not bus.channel_info.startswith(f"{INTERFACE} "):
         return None
     connection = next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)
@@ -43,7 +44,7 @@ def connection_of(bus: can.BusABC) -> socket.socket | None:
 
 
 def see_whether_it_ended(connection: socket.socket) -> None:
-    """Raise ConnectionResetError where the server has closed it, or OSError; takes nothing that has come."""
+    """Raise ConnectionResetError if the server has closed the connection, or OSError; reads no data."""
     with suppress(BlockingIOError):
         if not connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT):
             raise ConnectionResetError("its server has closed the connection")

@@ -1,10 +1,10 @@
-"""What the standard identifiers 300..1499 mean: name, types, unit and notes.
+"""The standard identifiers 300..1499: name, types, unit and notes.
 
-What it decides: nothing; it looks up the default identifier distribution of CANaerospace V1.7, sections 5.1 to
-5.10, which lies in `nod.csv` beside this file, with its source and the corrections named at its head. The file is
-read at the first look-up, so that an agent that never asks never pays.
+This file looks up the default identifier distribution of CANaerospace V1.7, sections 5.1 to 5.10, which lies in
+`nod.csv` beside it, with its source and the corrections named at its head. The list is read at the first look-up, so
+that an agent that needs no look-up does not read it.
 
-An identifier that is not in the list is reserved, or not assigned: nobody may give it a meaning of his own.
+An identifier that is not in the list is reserved, or not assigned: a spec must not use it for a variable.
 """
 
 import csv

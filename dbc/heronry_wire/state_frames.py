@@ -1,21 +1,21 @@
-"""State frames: what a PE says of itself every heartbeat period, in four pages, and their bytes.
+"""State frames: the report of a PE in every heartbeat period, in four pages, and their bytes.
 
-    page 0   what it runs: every period, on each of its buses
-    page 1   what it has staged, or why not, and its load: on change and every tenth time
+    page 0   the running configuration: every period, on each of its buses
+    page 1   the staged configuration, or why there is none, and the load: on change and with every tenth page 0
     page 2   with a key: the nonce of a PE that asks for a fresh start
-    page 3   with a key: what was refused
+    page 3   with a key: the digest of what runs, and the number of refused commands
 
 Every page begins with one byte (`_HEAD`): the number of the page, what the PE does with its epoch, and its flags. A new
 flag is a bit of that byte and a member of `PeFlags`; a new field of a page is a `Field` of its layout and one of its
 dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
-`joined_state` take it out and put it in. Whoever needs a single field of a page in a hurry asks one of the readers
-below: nobody else counts bytes.
+`joined_state` take it out and put it in. A caller that needs a single field of a page quickly uses one of the functions
+below: only this file knows the positions of the bytes.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
-Source: docs/protocol.md, rules 1, 8 and 11.
+Source: docs/protocol.md, protocol rules 1, 8 and 11.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from heronry_wire.layout import Field, Layout
 
 
 class PeState(IntEnum):
-    """What a PE does with the epoch that its state names."""
+    """Progress of a PE in the epoch that its state names."""
 
     UNCONFIGURED = 0
     BROKEN = 1
@@ -36,7 +36,7 @@ class PeState(IntEnum):
 
 
 class PeFlags(IntFlag):
-    """What else a PE says in every state frame."""
+    """Flags of a PE in every state frame."""
 
     HEARS_LEASE = 1
     FAULT_PENDING = 2
@@ -49,7 +49,7 @@ class Reason(IntEnum):
     NONE = 0
     INCOMPLETE = 1  # frames of the slice are missing: send it again
     DIGEST = 2  # the bytes do not have the digest announced, or the table is another spec's
-    UNKNOWN_INDEX = 3  # the slice names what the table does not have
+    UNKNOWN_INDEX = 3  # the slice has an index that the table does not have
     IMAGE = 4  # an image cannot be loaded here
     STALE_TERM = 5  # a higher term has been heard
     STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
@@ -79,7 +79,7 @@ STATE_BYTES = STATE_0.length
 
 @dataclass(frozen=True, slots=True)
 class StatePage0:
-    """What a PE runs now."""
+    """The running configuration of a PE."""
 
     state: PeState
     flags: PeFlags
@@ -95,7 +95,7 @@ class StatePage0:
 
 @dataclass(frozen=True, slots=True)
 class StatePage1:
-    """The epoch last asked for, what is staged of it (digest 0: not yet) or why not, and the CPU load in per cent."""
+    """The epoch of the last PREPARE, its staged digest (0: not yet) or why not, and the CPU load in per cent."""
 
     state: PeState
     flags: PeFlags
@@ -113,7 +113,7 @@ class StatePage1:
 
 @dataclass(frozen=True, slots=True)
 class StatePage2:
-    """A PE with a key asks for a fresh start: who holds the key answers its nonce with WELCOME (rule 11)."""
+    """A PE with a key asks for a fresh start: the manager answers its nonce with WELCOME (protocol rule 11)."""
 
     state: PeState
     flags: PeFlags
@@ -126,7 +126,7 @@ class StatePage2:
 
 @dataclass(frozen=True, slots=True)
 class StatePage3:
-    """With a key: the digest of what runs, and how many commands were refused, modulo 2^16: no tag fitted, all else."""
+    """With a key: the digest of what runs; commands refused modulo 2^16, for an invalid tag and for other reasons."""
 
     state: PeState
     flags: PeFlags
@@ -166,12 +166,12 @@ def sequence_of(page_0: bytes) -> int:
 
 
 def without_sequence(data: bytes) -> bytes:
-    """Give what a page 0 says but for its sequence; of any other page, all but the byte in that place."""
+    """Give the bytes of a page 0 without its sequence; of any other page, without the byte in that place."""
     return data[: _SEQUENCE.start] + data[_SEQUENCE.stop :]
 
 
 def split_state(data: bytes) -> tuple[bytes, int]:
-    """Give what page 0 or 1 of a state says beside its digest, and what stands in the place of that: the tag."""
+    """Give the bytes of a page 0 or 1 without its digest, and the number in that place: the tag."""
     place = _tag_place(data)
     return data[: place.start] + data[place.stop :], int.from_bytes(data[place], "big")
 

@@ -1,6 +1,6 @@
-"""How long frames take, and how long they can be made to wait.
+"""How long frames take, and how long they may have to wait.
 
-What it decides: the length of a frame on the wire, exact or in the worst case, and for a set of periodic messages on
+This file computes the length of a frame on the wire, exact or in the worst case, and for a set of periodic messages on
 one bus the longest time from the moment a message is due until its last bit has been sent.
 
 Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
@@ -9,9 +9,9 @@ be the first of the next five. Of the 47 + 8n bits of an 11-bit frame 34 + 8n ar
 frame 54 + 8n.
 
 Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
-analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in
-the busy period is looked at, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower
-priority that has just started, and for every frame of higher priority that is queued before it starts itself:
+analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in the
+busy period is examined, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower priority
+that has just started, and for every frame of higher priority that is queued before it starts itself:
 
     busy period    t    = B + sum over this one and all above of ceil((t + J) / T) C
     instances      Q    = ceil((t + J) / T)
@@ -22,8 +22,8 @@ All times are bit times (tau = 1) and exact: rationals go in and come out, in be
 denominator. Both equations ask for the least fixed point, which is found by letting a window of time grow with what
 is released inside it (`_Window`); the window of one priority is where the next one starts.
 
-What it assumes: every node sends by priority, not first-in-first-out. What it does not know: offsets between messages
-(the result is safe, and exact for unrelated clocks), and errors, unless it is told (`Errors`).
+The analysis assumes that every node sends by priority, not first-in-first-out. It does not consider offsets between
+messages (the result is safe, and exact for unrelated clocks), and errors only if they are given (`Errors`).
 
 A level that loads the bus to within 1/10 000 of all that it can carry counts as overload, and its response as
 unbounded: the quartzes of two nodes differ by as much, and the busy period grows without limit towards it.
@@ -135,12 +135,12 @@ class Errors(NamedTuple):
 
 
 class Response(NamedTuple):
-    """The longest response time of a message, in bit times; `bits` is None when nothing bounds it."""
+    """The longest response time of a message, in bit times; `bits` is None when it is unbounded."""
 
     name: str
     bits: Fraction | None
     meets_deadline: bool
-    instances: int  # how many instances in the busy period were looked at; 0 when unbounded
+    instances: int  # number of instances in the busy period; 0 when unbounded
 
 
 class _Stream(NamedTuple):
@@ -153,10 +153,10 @@ class _Stream(NamedTuple):
 
 
 class _Window:
-    """A stretch of time that grows with what is released in it.
+    """A time window that grows with the messages released in it.
 
     Releases strictly before `length + ahead` count; `due` is a heap of the first one of each stream that does not
-    count yet. It only ever grows, so every release is looked at once.
+    count yet. It only grows, so every release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
@@ -173,7 +173,7 @@ class _Window:
         heappush(self.due, (count * period - jitter, period, cost))
 
     def settle(self) -> None:
-        """Grow until nothing more is released inside: the least fixed point."""
+        """Grow until no more message is released inside: the least fixed point."""
         due, limit = self.due, self.length + self.ahead
         while due and due[0][0] < limit:
             release, period, cost = due[0]
@@ -187,7 +187,7 @@ class _Window:
 
 
 class _Level(NamedTuple):
-    """What a priority level waits for beside messages: when one of these changes, its windows start anew."""
+    """What delays a priority level beside messages: when one of these changes, its windows start anew."""
 
     blocking: int
     error_cost: int  # 0: no errors
@@ -198,7 +198,7 @@ def analyse(messages: Sequence[Message], *, blocking_bits: int = 0, errors: Erro
     """Give the response time of each message, in the order given, which is the order of priority, highest first.
 
     blocking_bits: longest frame on the bus with less priority than any of these (0: there is none).
-    errors: what the bus is to withstand (None: no errors).
+    errors: errors that the bus must tolerate (None: no errors).
     Raises WireError for a message without a length or a period.
     """
     _check(messages, errors)
@@ -254,7 +254,7 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
     for stream, blocking in zip(streams, reversed(blockings), strict=True):
         longest = max(longest, stream.cost)
         if with_errors:
-            # An error may also strike while the message itself is sent: those up to w + C count.
+            # An error may also occur while the message itself is sent: errors up to w + C count.
             levels.append(_Level(blocking, ERROR_BITS * scale + longest, stream.cost - scale))
         else:
             levels.append(_Level(blocking, 0, 0))

@@ -1,13 +1,14 @@
-"""A node's own transmit queue, ordered as the bus orders (protocol rule 13).
+"""A node's own transmit queue, in the order of bus arbitration (protocol rule 13).
 
 SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would wait for all of them, and the timing
-analysis would be void. So every sender keeps its frames here and hands over one at a time.
+analysis would not hold. So every sender keeps its frames here and hands over one at a time.
 
-Frames of one identifier stay in their order. The queue is bounded: what does not fit is dropped, the least urgent and
-newest first, and counted; a bus that carries nothing must not fill the memory. A frame may be given a time until which
-it is of use: later it is dropped too, so that what waited out a pause of its sender does not go out as if it were new.
+Frames of one identifier stay in their order. The queue is bounded: frames that do not fit are dropped, the least urgent
+and newest first, and counted; a bus that carries no frames must not fill the memory. A frame may have a time until
+which it is of use: later it is dropped too, so that a frame that waited through a pause of its sender does not go out
+as if it were new.
 
-A sender may stand back for a moment: data, and what is less urgent, then stay here until it is over.
+A sender may hold data back for a moment: data, and frames with a lower priority, then stay in the queue.
 """
 
 from bisect import insort
@@ -24,7 +25,7 @@ class TransmitQueue:
     """Frames that wait, the most urgent first."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
-        self.dropped = 0  # for want of room
+        self.dropped = 0  # because the queue was full
         self.expired = 0
         self._capacity = capacity
         self._frames: list[tuple[int, int, Frame, int]] = []  # the most urgent at the end; the last is when it expires
@@ -35,7 +36,7 @@ class TransmitQueue:
         return len(self._frames)
 
     def push(self, frame: Frame, until_ns: int | None = None) -> None:
-        """Add a frame, of use until then; where the queue is full the least urgent one is dropped."""
+        """Add a frame, of use until `until_ns`; if the queue is full the least urgent frame is dropped."""
         self._count += 1
         insort(
             self._frames, (-arbitration_key(frame), -self._count, frame, _FOR_EVER_NS if until_ns is None else until_ns)
@@ -45,7 +46,7 @@ class TransmitQueue:
             self.dropped += 1
 
     def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
-        """Shorten the time in which the first such frame is of use; what is of no use any more is dropped."""
+        """Shorten the time in which the first such frame is of use; drop the frames whose time is over."""
         kept = [one for one in self._frames if one[3] >= now_ns]
         self.expired += len(self._frames) - len(kept)
         self._frames = kept
@@ -56,17 +57,17 @@ class TransmitQueue:
                 return
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back every 11-bit frame with one of these identifiers."""
+        """Withdraw every 11-bit frame with one of these identifiers."""
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
 
     def clear(self) -> int:
-        """Drop every frame; gives how many there were."""
+        """Drop every frame; gives their number."""
         count = len(self._frames)
         self._frames.clear()
         return count
 
     def first(self, now_ns: int) -> Frame | None:
-        """Look at the most urgent frame that is still of use and may go now; None where there is none."""
+        """Give the most urgent frame that is still of use and may go now, but keep it; None if there is none."""
         while self._frames and self._frames[-1][3] < now_ns:
             self._frames.pop()
             self.expired += 1
@@ -75,5 +76,5 @@ class TransmitQueue:
         return self._frames[-1][2]
 
     def pop(self) -> Frame:
-        """Take the most urgent frame; raises IndexError where there is none."""
+        """Remove and give the most urgent frame; raises IndexError where there is none."""
         return self._frames.pop()[2]

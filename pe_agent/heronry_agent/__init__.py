@@ -1,1 +1,1 @@
-"""Does: the agent of a processing element."""
+"""The agent of a processing element (PE)."""

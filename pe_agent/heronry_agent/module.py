@@ -1,13 +1,12 @@
 """The module API: what the code of a software module sees.
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
-spec: a bare name is looked up in the catalogues that are installed, `package.module:Class` is imported. It is built
-anew when it is scheduled, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on
-with what it remembers. It keeps no reference to a bus or another module. All it knows of the world comes through
-`inputs` and `self.ctx`.
+spec: a bare name is looked up in the installed catalogues, `package.module:Class` is imported. A module is built anew
+when it is started, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on with its
+present state. It has no reference to a bus or another module. All its inputs come through `inputs` and `self.ctx`.
 
-On a node it lives in a process apart, its *partition*, with others of its group. What it raises, and whatever ends that
-process, is counted against it: it is built anew a few times, and then given up.
+On a node a module runs in a separate process, its *partition*, with the other modules of its group. An exception that
+it raises, or the end of that process, is a failure of the module: it is built anew a few times, and then given up.
 
 Local and remote data look the same. A datum that is too old, foreign or of an unaccepted version is simply absent, so
 an optional input that is not supplied and one that has just been lost are handled by the same line of code.
@@ -30,7 +29,7 @@ class Datum(NamedTuple):
     valid: bool = True  # False: its producer says that it does not trust it
 
     def number(self) -> float:
-        """Value as a float; raises TypeError where the variable is not a number."""
+        """Value as a float; raises TypeError where the value is not a number."""
         if isinstance(self.value, (int, float)):
             return float(self.value)
         raise TypeError(f"{self.value!r} is not a number; read it with .value")
@@ -58,7 +57,7 @@ class Inputs(Mapping[str, Datum]):
     @overload
     def get(self, variable: str, /, default: Datum | T) -> Datum | T: ...
     def get(self, variable: str, /, default: Datum | T | None = None) -> Datum | T | None:
-        """Give the datum of a variable, or something else: asked so often that it does not wait for an exception."""
+        """Give the datum of a variable, or `default`; faster than the `get` of Mapping, which catches an exception."""
         return self._best.get(variable, default)
 
     def __iter__(self) -> Iterator[str]:
@@ -73,12 +72,12 @@ class Inputs(Mapping[str, Datum]):
         return found[1] if found else None
 
     def every(self, variable: str) -> list[Datum]:
-        """All versions of a variable that are supplied, best first: what a voter compares."""
+        """All versions of a variable that are supplied, best first, for a voter."""
         return sorted((d for v, d in self._by_leaf.values() if v == variable), key=lambda d: d.version)
 
 
 class Context(Protocol):
-    """What a module may ask of its host."""
+    """The interface through which a module uses its host."""
 
     @property
     def module(self) -> str:
@@ -86,30 +85,30 @@ class Context(Protocol):
 
     @property
     def mode(self) -> str:
-        """Name of the mode it runs in."""
+        """Name of the mode in which the module runs."""
 
     @property
     def period_ns(self) -> int:
-        """Time between two steps."""
+        """Time between two steps, in ns."""
 
     @property
     def now_ns(self) -> int:
-        """Time of this step on the host's monotonic clock."""
+        """Time of this step on the host's monotonic clock, in ns."""
 
     def read(self) -> Value | None:
-        """Device the module is bolted to, as it was when this step began; None when it did not answer."""
+        """Reading of the module's device when this step began; None when the device did not answer."""
 
     def write(self, value: Value) -> None:
-        """Drive the device the module is bolted to: done when the step has ended, if that is still allowed then."""
+        """Command the module's device: executed when the step has ended, if the output is still authorized then."""
 
     def may_drive(self) -> bool:
-        """Tell whether outputs may be set now: ask before each, where the module itself speaks to a device."""
+        """Tell whether outputs may be set now; a module that drives a device itself calls this before each command."""
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
+        """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
 
     def request_phase(self, phase: str) -> None:
-        """Ask the manager for a mission phase of the spec; asking for the same one again adds nothing."""
+        """Request a mission phase of the spec from the manager; requesting the same one again has no effect."""
 
 
 class Module:
@@ -119,9 +118,9 @@ class Module:
         self.ctx = ctx
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compute one period: values of the variables that the mode gives; one left out is not published."""
+        """Compute one period; gives values of the variables that the mode gives. One left out is not published."""
         raise NotImplementedError
 
     def mode_changed(self) -> bool:
-        """Go on in `ctx.mode`, with `ctx.period_ns`: True if what it remembers serves there; else built anew."""
+        """Go on in `ctx.mode`, with `ctx.period_ns`; True if the present state serves there, else it is built anew."""
         return False

@@ -27,10 +27,10 @@ def objects(node: int = NODE) -> Any:
 
 
 def refusal(access: Callable[[], Any]) -> int:
-    """The abort code that an access ends with.
+    """The abort code of an access that is refused.
 
-    Nothing keeps the exception: a stream of the client that failed closes itself once more when it is finalized, which
-    sends frames, and that is to happen here rather than in the middle of a later transfer.
+    The exception is not kept: a failed stream of the client closes itself once more when it is finalized, which
+    sends frames, and that must happen here rather than in the middle of a later transfer.
     """
     try:
         access()
@@ -40,7 +40,7 @@ def refusal(access: Callable[[], Any]) -> int:
 
 
 class Master:
-    """Reads and writes a PE; while it waits for an answer, time passes there."""
+    """Reads and writes a PE; while it waits for an answer, the time of the PE passes."""
 
     def __init__(self, pe: OnePe) -> None:
         self.pe = pe
@@ -50,11 +50,11 @@ class Master:
         self.sdo.responses = self
 
     def send_message(self, can_id: int, data: bytes) -> None:
-        """What the client's bus does."""
+        """Send a frame of the client to the PE, in place of its bus."""
         self._listen(self.pe.hear(Frame(can_id, bytes(data))))
 
     def get(self, *, block: bool, timeout: float) -> bytes:
-        """What the client's queue of answers does."""
+        """Give the next answer, in place of the client's queue."""
         assert block
         end_ns = self.pe.now_ns + round(timeout * NS_PER_S)
         while not self.heard and self.pe.core.next_deadline_ns() <= end_ns:

@@ -1,4 +1,4 @@
-"""A package as pip would have installed it, with entry points of its own: what somebody else adds to heronry."""
+"""A package as pip would have installed it, with entry points of its own: an extension of another maker."""
 
 from pathlib import Path
 

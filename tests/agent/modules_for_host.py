@@ -1,4 +1,4 @@
-"""Modules that do, one each, what a host must be able to cope with."""
+"""Modules with one kind of behaviour each that a host must handle."""
 
 # ruff: noqa: ARG002 - most of them do nothing with their inputs
 
@@ -8,7 +8,7 @@ from heronry_agent.module import Context, Inputs, Module, Value
 
 
 class Gain(Module):
-    """Reads its device, writes twice, and tells what it knows of itself."""
+    """Reads its device, writes twice, and gives its name, mode and period."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         read = self.ctx.read()
@@ -56,14 +56,14 @@ class Deviceless(Module):
 
 
 class Steady(Module):
-    """Gives the same demand for ever."""
+    """Gives the same demand in every step."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         return {"demand": 0.5}
 
 
 class Driving(Module):
-    """Drives its device by what is demanded, or to the middle."""
+    """Drives its device to the demand, or to the middle without one."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         demand = inputs.get("demand")

@@ -1,4 +1,4 @@
-"""A PE of a small spec, and the manager and neighbours around it, spoken for by the test.
+"""A PE of a small spec; the test plays the manager and the neighbours.
 
 Node 93 has one bus with a heartbeat period of 20 ms and can run all of `control` (movable), `servo_1` and `servo_2`
 (branches of a DEMUX) and `monitor`. Node 92 is its neighbour and runs `gyro`.
@@ -136,7 +136,7 @@ def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> lis
 
 
 class OnePe(SteppedCore[Event, Action]):
-    """The core, its clock, and all it has asked for."""
+    """The core of one PE, its clock, and all its actions."""
 
     def __init__(
         self, table: PeTable = TABLE, *, missing_images: frozenset[str] = frozenset(), secret: Secret | None = None
@@ -147,14 +147,14 @@ class OnePe(SteppedCore[Event, Action]):
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
         self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step
-        self.phases: dict[int, tuple[str, ...]] = {}  # what each module asks for in every step
+        self.phases: dict[int, tuple[str, ...]] = {}  # what each module requests in every step
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
-        self.spent_ns = 0  # by each step
+        self.spent_ns = 0  # time that each step spends
 
     def give(self, event: Event) -> list[Action]:
-        """Give an event now, and answer for the modules."""
+        """Give an event now, and answer the steps as the modules would."""
         actions = super().give(event)
         self.core.validate()
         self.done += [(self.now_ns, action) for action in actions]
@@ -181,7 +181,7 @@ class OnePe(SteppedCore[Event, Action]):
         return self.hear(*(command_frame(message, manager) for message in messages))
 
     def fly(self, duration_ns: int, *, epoch: int, digest: int, step: Step = Step.GO_ALL) -> list[Action]:
-        """Let time pass with a manager that reigns, a neighbour that lives and gives its data."""
+        """Let time pass with an active manager, and a neighbour that is alive and sends its data."""
         actions = []
         for _ in range(duration_ns // BEAT_NS):
             actions += self.command(Lease(1, epoch, step, digest), Alive(1, 0, frozenset({NEIGHBOUR, NODE})))
@@ -191,7 +191,7 @@ class OnePe(SteppedCore[Event, Action]):
         return actions
 
     def configure(self, wanted: Slice, epoch: int, step: Step = Step.GO_ALL) -> list[Action]:
-        """Let a manager that counts on it stage and activate a slice; the digest of the whole is 1000 + epoch."""
+        """Let a manager stage and activate a slice, with this PE available; the digest of the whole is 1000 + epoch."""
         actions = self.command(Alive(1, 0, frozenset({NEIGHBOUR, NODE})))
         actions += self.command(*slice_messages(wanted, epoch, 1000 + epoch))
         actions += self.command(Activate(1, epoch, step, 1000 + epoch))

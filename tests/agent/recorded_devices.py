@@ -1,4 +1,4 @@
-"""Devices that note what is asked of them, and the driver that has them."""
+"""Devices that record the calls to them, and their driver."""
 
 # ruff: noqa: ARG002 - they take what the interface gives
 

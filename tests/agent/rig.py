@@ -79,9 +79,9 @@ class _Running:
 
 
 class Flight:
-    """Modules of a spec, each in one mode, in one synchronous loop on one bench.
+    """Modules of a spec, each in one mode, in one synchronous loop on one plant.
 
-    A datum reaches every reader at once; it is fresh for three periods of its producer, as on a real host.
+    A datum reaches every reader immediately; it is fresh for three periods of its producer, as on a real host.
     """
 
     def __init__(self, spec: Spec, modes: Mapping[str, str], plant: Plant | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Whatever comes in, in whatever order: the core never raises, and its invariants hold."""
+"""Any input in any order: the core never raises, and its invariants hold."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -73,7 +73,7 @@ def commands(draw: st.DrawFn) -> list[Frame]:
 
 @st.composite
 def reconfigurations(draw: st.DrawFn) -> list[Frame]:
-    """A whole reconfiguration, as it should be, with what else a PE hears meanwhile."""
+    """A whole and correct reconfiguration, with the other frames that a PE hears meanwhile."""
     manager, epoch, wanted = draw(st.sampled_from([126, 127])), draw(epochs), draw(st.sampled_from(SLICES))
     term = draw(terms)
     orders = [Activate(term, epoch, step, 1000 + epoch) for step in sorted(draw(st.sets(steps, min_size=1)))]

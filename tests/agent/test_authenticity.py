@@ -1,4 +1,4 @@
-"""A PE with a key: whom it believes, how it comes to, and what it makes of everything else."""
+"""A PE with a key: which commands it accepts, how it makes a fresh start, and how it refuses everything else."""
 
 from dataclasses import dataclass, field
 
@@ -62,11 +62,11 @@ class Keyed:
         self.manager = PlayedManager(MANAGER, self.term, KEY)
 
     def tell(self, *messages: Message, manager: PlayedManager | None = None) -> list[Action]:
-        """Say commands, each with its TAG."""
+        """Send commands, each with its TAG."""
         return self.pe.hear(*(manager or self.manager).frames(*messages))
 
     def nonce(self) -> int:
-        """What it asks when a manager speaks that it does not know."""
+        """The nonce that the PE sends when it hears a manager that has not welcomed it."""
         self.pe.pass_time(2 * BEAT_NS)
         (page,) = said(self.tell(LEASE), StatePage2)
         assert isinstance(page, StatePage2)
@@ -78,7 +78,7 @@ class Keyed:
 
     @property
     def refused(self) -> dict[Refusal, int]:
-        """What it has refused."""
+        """Number of refused commands, by reason."""
         assert self.pe.core.authenticity is not None
         return dict(self.pe.core.authenticity.refused)
 
@@ -111,7 +111,7 @@ def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_not
     for identifier, data in said_so:
         one.pe.hear(Frame(identifier, data))
         one.pe.pass_time(MS)
-    assert (one.pe.core.mastership.term, one.pe.core.mastership.manager) == (1, MANAGER)  # who has welcomed it
+    assert (one.pe.core.mastership.term, one.pe.core.mastership.manager) == (1, MANAGER)  # that sent WELCOME
     assert not one.pe.core.mastership.hears_lease(one.pe.now_ns)
     assert one.pe.core.reconfiguration.state is PeState.UNCONFIGURED
 
@@ -135,7 +135,7 @@ def test_page_1_is_tagged_with_what_it_has_staged(keyed: Keyed) -> None:
 # The lock
 
 
-def test_without_a_key_these_orders_are_for_nobody() -> None:
+def test_a_pe_without_a_key_ignores_the_commands_for_keys() -> None:
     pe = OnePe()
     assert not pe.command(Control(1, NODE, Operation.UNLOCK, 9), Control(1, NODE, Operation.RENEW))[1:]
 
@@ -152,7 +152,7 @@ def test_a_gateway_hands_on_the_welcome_of_a_node_beyond_and_not_that_of_another
         assert sum(len(sent(actions, frame.can_id, 1)) for frame in (control, tag)) == passes
     one.pe.hear(one.manager.welcome(FAR, 6)[0])
     one.pe.pass_time(6 * BEAT_NS)
-    one.pe.hear(one.manager.welcome(FAR, 7)[1])  # of a question that is forgotten by now
+    one.pe.hear(one.manager.welcome(FAR, 7)[1])  # its nonce has expired
     assert one.refused == {Refusal.UNKNOWN: 1, Refusal.STRAY: 1}
 
 

@@ -1,4 +1,4 @@
-"""BREAK takes away and GO adds: between the two nothing is on a bus that was not there before."""
+"""BREAK removes and GO adds: between the two no datum is on a bus that was not there before."""
 
 from agent.one_pe import (
     ALARM,

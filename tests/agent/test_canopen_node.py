@@ -111,7 +111,7 @@ def test_faults_are_in_the_error_register_and_its_history(master: Master) -> Non
     master.pe.configure(FLYING, 7)
     for module in (CONTROL, SERVO_1):
         master.pe.give(StartFailed(module, "oops"))
-    master.pe.pass_time(SECOND)  # told again and again, and written down once
+    master.pe.pass_time(SECOND)  # reported again and again, and recorded once
     assert master.sdo[0x1001].raw == 0x81
     assert [error.raw for error in master.sdo[0x1003].values()] == [
         2 << 28 | module << 16 | FaultCode.MODULE_EXCEPTION for module in (SERVO_1, CONTROL)
@@ -217,7 +217,7 @@ def test_a_flood_of_resets_is_answered_ten_times_a_second(master: Master) -> Non
 
 
 @pytest.mark.parametrize("command", [START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION])
-def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> None:
+def test_nmt_takes_no_surface_away(master: Master, command: int) -> None:
     pe = master.pe
     pe.configure(FLYING, 7)
     pe.fly(100 * MS, epoch=7, digest=1007)
@@ -227,8 +227,8 @@ def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> Non
     assert master.heartbeats(flown) == [OPERATIONAL]
     assert len(pe.steps[SERVO_1]) >= 40
     assert pe.ask()[0].state is PeState.ACTIVE
-    assert pe.core.counts["NMT command while a manager counts on this PE", 0] == 2
-    pe.pass_time(SECOND)  # the manager is gone, and what it gave goes on
+    assert pe.core.counts["NMT command while this PE is configured or hears a manager", 0] == 2
+    pe.pass_time(SECOND)  # the manager is gone, and its configuration goes on
     assert master.nmt(command) == []
     assert sorted(pe.running) == [CONTROL, SERVO_1]
 
@@ -239,6 +239,6 @@ def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> Non
 def test_a_heartbeat_that_is_set_before_boot_up_begins_after_it() -> None:
     network = NetworkManagement(NODE, (0,), 0)
     network.set_heartbeat(SHORTEST_HEARTBEAT_MS, 0)
-    (boot_up,) = network.tick(0, configured=False, led=False)
+    (boot_up,) = network.tick(0, configured=False, managed=False)
     assert boot_up.frame.data == b"\0"
     assert network.next_ns == SHORTEST_HEARTBEAT_MS * MS

@@ -1,4 +1,4 @@
-"""What a PE tells of a channel that carries nothing: at once, every second, and that it is back; and nothing else."""
+"""Reports of a PE on a channel that carries nothing: immediately, every second, and when it is back; no others."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""All modules of a shipped spec in one loop on the bench, without a bus."""
+"""All modules of a shipped spec in one loop on the plant, without a bus."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What `pe-agent` is told, and what it says to that."""
+"""Arguments of `pe-agent`, and its messages."""
 
 import subprocess
 import sys

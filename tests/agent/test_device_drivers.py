@@ -101,7 +101,7 @@ def test_commands_are_yes_or_no(raw: tuple[int, int], release: int, cut: int) ->
         assert rig.step() == {"release_command": release, "cutdown_command": cut}
 
 
-def test_a_servo_goes_to_its_first_demand_at_once_and_on_from_there_at_its_own_speed() -> None:
+def test_a_servo_takes_its_first_demand_immediately_and_later_ones_at_its_own_speed() -> None:
     rig = Rig("elevator_servo")
     assert rig.step(elevator_demand=10.0) == {"elevator_servo_command": 10.0}
     assert rig.step(elevator_demand=-10.0) == {"elevator_servo_command": 7.0}  # 120 deg/s for 25 ms

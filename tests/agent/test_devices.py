@@ -1,4 +1,4 @@
-"""The seam between modules and devices: who is opened, what a module is given, when a device is made safe."""
+"""Between modules and devices: which devices are opened, what a module reads, when a device is made safe."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def bolted(**devices: RecordedDevice) -> tuple[Devices, RecordedDriver]:
 # Which driver has a device
 
 
-def test_a_driver_that_nobody_offers_is_told_with_those_there_are() -> None:
+def test_the_message_about_an_unknown_driver_names_the_installed_ones() -> None:
     with pytest.raises(DeviceDriverError, match=r"no device driver is named 'plnat'; installed here: plant"):
         find_device_driver("plnat")
 
@@ -63,7 +63,7 @@ def test_a_pe_opens_the_drivers_of_what_its_modules_are_bolted_to() -> None:
 
 
 def test_a_pe_without_a_device_loads_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("heronry_agent.shell.devices.entry_points", None)  # nobody looks for one
+    monkeypatch.setattr("heronry_agent.shell.devices.entry_points", None)  # no driver is looked up
     assert open_drivers(GROUNDED, 5) == {}
     assert Devices(GROUNDED, {}).followed() == frozenset()
 
@@ -142,18 +142,18 @@ def test_what_a_driver_raises_is_silence_or_a_failed_command_and_ends_nothing() 
 
 
 def test_an_echo_that_a_driver_chokes_on_ends_nothing() -> None:
-    class Deaf(RecordedDriver):
+    class Unreceptive(RecordedDriver):
         def heard(self, device: str, value: Value, now_ns: int) -> None:
             raise KeyError(device, value, now_ns)
 
-    Devices(TABLE, dict.fromkeys(("left", "right"), Deaf())).heard(Heard("rudder", 3.0), 0)
+    Devices(TABLE, dict.fromkeys(("left", "right"), Unreceptive())).heard(Heard("rudder", 3.0), 0)
 
 
 # When a device is made safe
 
 
 class Flown(OnePe):
-    """A PE, and its devices, which a host would drive and make safe as the core says."""
+    """A PE and its devices, driven and made safe as the core says."""
 
     def __init__(self) -> None:
         restarting = tuple(replace(module, restarts=1) for module in TABLE.modules)
@@ -162,7 +162,7 @@ class Flown(OnePe):
         self.configure(FLYING, 1)
 
     def made_safe(self) -> int:
-        """Do what the core has asked for; tell how often the device of the first servo was made safe."""
+        """Carry out the core's actions; gives how often the device of the first servo was made safe."""
         for at_ns, action in self.done:
             if isinstance(action, Drive):
                 assert self.devices.drive(action, at_ns) == Driven(action.module, action.value)

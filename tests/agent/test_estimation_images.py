@@ -1,4 +1,4 @@
-"""Altitude, attitude and air data: what they estimate, and how well against the bench's truth."""
+"""Altitude, attitude and air data: their estimates, and the error against the truth of the plant."""
 
 import math
 import statistics
@@ -18,7 +18,7 @@ SENSORS = ("gps_driver", "pressure_driver_1", "pressure_driver_2", "pressure_dri
 
 
 def rms_error(modes: dict[str, str], variable: str, truth: str, start_s: float, end_s: float) -> float:
-    """How far an estimate is from what was true when it was made, over a stretch of the bench's flight."""
+    """Error of an estimate against the truth at its time, over a part of the plant's flight."""
     flight = Flight(BIG_BLUE, dict.fromkeys(SENSORS, "only") | {"pressure_voter": "voted"} | modes)
     flight.now_ns = round((start_s - 10) * 1e9)  # ten seconds to settle
     flight.fly(10)
@@ -111,7 +111,7 @@ def test_three_pressures_are_voted_to_the_middle_one(one: float, two: float, thr
 
 
 @given(st.sampled_from("123"), st.floats(60.0, 900.0), st.booleans())
-def test_the_odd_one_out_is_reported_and_nobody_else(odd: str, pressure: float, high: bool) -> None:
+def test_only_the_sensor_that_differs_is_reported(odd: str, pressure: float, high: bool) -> None:
     rig = Rig("pressure_voter", mode="voted", rate_hz=20)
     given = {f"pressure_{c}": pressure + 0.1 * int(c) for c in "123"}
     given[f"pressure_{odd}"] = pressure * (1.2 if high else 0.8)
@@ -127,7 +127,7 @@ def test_the_report_says_by_how_much() -> None:
     assert rig.host.reports == [("device:pressure_sensor_3", 500)]  # 0.1 hPa each
 
 
-def test_nobody_is_judged_in_the_first_second_nor_for_a_disagreement_with_breaks() -> None:
+def test_no_sensor_is_reported_in_the_first_second_nor_for_a_disagreement_with_breaks() -> None:
     rig = Rig("pressure_voter", mode="voted", rate_hz=20)
     rig.run(1, pressure_1=500.0, pressure_2=500.0, pressure_3=550.0)
     for _ in range(20):
@@ -136,7 +136,7 @@ def test_nobody_is_judged_in_the_first_second_nor_for_a_disagreement_with_breaks
     assert rig.host.reported == []
 
 
-def test_of_two_nobody_is_accused_and_the_one_that_goes_on_as_before_is_believed() -> None:
+def test_of_two_sensors_none_is_reported_and_the_one_that_goes_on_as_before_is_taken() -> None:
     rig = Rig("pressure_voter", mode="voted", rate_hz=20)
     assert rig.step(pressure_1=500.0, pressure_2=501.0) == {"static_pressure": 500.5}
     assert rig.run(10, pressure_1=500.0, pressure_2=900.0) == {"static_pressure": 500.0}

@@ -1,4 +1,4 @@
-"""A module fails, hangs, or loses its partition: it begins again as often as it may, and nobody else is touched."""
+"""A module fails, hangs, or loses its partition: it begins again as often as it may; no other module is affected."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def table(restarts: int = 2, **partitions: str) -> PeTable:
 
 
 class Partitioned(OnePe):
-    """A PE whose modules answer, but for those that hang."""
+    """A PE whose modules answer, except those that hang."""
 
     def __init__(self, table: PeTable) -> None:
         super().__init__(table)
@@ -87,7 +87,7 @@ class Partitioned(OnePe):
         return [(e.code.name, e.index, e.detail) for e in told]
 
     def heard_of(self) -> dict[tuple[str, int], int]:
-        """How often a module was told of so far, by code and module."""
+        """Number of reports so far, by code and module."""
         found: dict[tuple[str, int], int] = {}
         for code, index, _ in self.codes([action for _, action in self.done]):
             found[code, index] = found.get((code, index), 0) + 1
@@ -113,7 +113,7 @@ def step_of(actions: list[Action], module: int) -> StepModule:
 # Failing
 
 
-def test_a_new_mastership_is_told_who_has_stopped_and_who_was_cleared_begins_again_in_it() -> None:
+def test_a_new_active_manager_gets_the_report_of_a_stopped_module_and_a_cleared_one_begins_again() -> None:
     pe = flying(restarts=0)
     pe.raising.add(CONTROL)
     fly(pe, 100 * MS)
@@ -127,7 +127,7 @@ def test_a_new_mastership_is_told_who_has_stopped_and_who_was_cleared_begins_aga
     assert CONTROL in pe.running
 
 
-def test_who_was_cleared_and_waits_for_go_begins_with_it() -> None:
+def test_a_module_that_was_cleared_and_waits_for_go_begins_with_it() -> None:
     pe = flying(restarts=0)
     pe.configure(FLYING, 8, step=Step.BREAK)
     pe.raising.add(CONTROL)
@@ -186,7 +186,7 @@ def test_an_answer_that_comes_after_a_pause_drives_nothing_that_may_not_be_drive
     pe = flying()
     pe.hanging.add(SERVO_1)
     pe.pass_time(0)
-    pe.now_ns += 500 * MS  # this process stood still; nobody has been heard since
+    pe.now_ns += 500 * MS  # this process stood still, and no frame was heard since
     actions = pe.give(Stepped(SERVO_1, pe.held[SERVO_1], {}, (1.5,)))
     assert [a for a in actions if isinstance(a, Drive)] == []
     assert sent(actions, actuator_echo_id(NODE)) == []

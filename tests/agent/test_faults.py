@@ -1,4 +1,4 @@
-"""What a PE tells of faults until it was heard: EMCY, emergency events, quiet, cleared; and modules that overrun."""
+"""Faults that a PE reports until they are acknowledged: EMCY, emergency events, quiet, CLEAR; modules that overrun."""
 
 from dataclasses import replace
 
@@ -100,7 +100,7 @@ def test_a_new_mastership_is_told_what_still_stands_also_of_what_runs_here_no_mo
 
 
 def test_that_a_restart_was_heard_makes_no_fault_younger() -> None:
-    """It was found, and acknowledged, before this PE was alone: that it was cleared may have been missed."""
+    """It was found, and acknowledged, before this PE was alone: the PE may have missed the CLEAR."""
     faults = Faults(NODE, BEAT_NS)
     faults.found(FaultCode.MODULE_EXCEPTION, ElementKind.MODULE, MONITOR, 0, 0)
     faults.acknowledge(ElementKind.MODULE, MONITOR, MS)

@@ -1,4 +1,4 @@
-"""A PE on two buses: what it carries across, and what it does not."""
+"""A PE on two buses: which frames it forwards, and which it does not."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_an_uplink_need_not_be_the_first_port() -> None:
     assert forwarded(pe.hear(lease, port=1), lease, 0)
 
 
-# A datum from beyond whose module may also run on this side of the gateway is exclusive there (rule 6).
+# A datum from beyond whose module may also run on this side of the gateway is exclusive there (protocol rule 6).
 
 CONTESTED_TABLE = replace(
     GATEWAY_TABLE, sources=(replace(GATEWAY_TABLE.sources[RATE], movable=True), *GATEWAY_TABLE.sources[1:])
@@ -78,7 +78,7 @@ def test_what_may_run_on_this_side_too_is_sent_up_only_while_others_are_heard_th
         assert sent(datum_from_beyond(pe), RATE_ID, UPLINK)
 
 
-def test_what_waits_of_it_is_withdrawn_when_nobody_counts_on_the_gateway_any_more() -> None:
+def test_exclusive_data_that_wait_are_withdrawn_when_the_gateway_is_not_available_any_more() -> None:
     pe = OnePe(CONTESTED_TABLE)
     pe.configure(FROM_BEYOND, 7)
     pe.command(Alive(1, 0, frozenset({NODE, FAR})))
@@ -87,8 +87,8 @@ def test_what_waits_of_it_is_withdrawn_when_nobody_counts_on_the_gateway_any_mor
     assert not sent(datum_from_beyond(pe), RATE_ID, UPLINK)
 
 
-def test_what_came_while_nobody_ran_is_not_sent_up_as_behind_it_may_be_that_it_has_moved() -> None:
-    """The oldest of what waits shows for how long; where nothing is exclusive, all of it goes."""
+def test_exclusive_data_from_a_pause_of_the_process_are_not_sent_up() -> None:
+    """The oldest waiting frame shows the length of the pause; where no datum is exclusive, all of them are sent."""
     for table, is_exclusive in ((CONTESTED_TABLE, True), (GATEWAY_TABLE, False)):
         pe = OnePe(table)
         pe.configure(FROM_BEYOND, 7)
@@ -102,7 +102,7 @@ def test_what_came_while_nobody_ran_is_not_sent_up_as_behind_it_may_be_that_it_h
         assert sent(datum_from_beyond(pe), RATE_ID, UPLINK)
 
 
-def test_what_is_sent_down_is_nobody_elses() -> None:
+def test_data_that_are_sent_down_are_not_exclusive() -> None:
     pe = OnePe(CONTESTED_TABLE)
     pe.configure(Slice(forward={RATE: (NEIGHBOUR, 0b10)}), 7)
     pe.command(Alive(1, 0, frozenset({NODE, FAR})))

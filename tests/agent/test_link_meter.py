@@ -1,4 +1,4 @@
-"""How much of a radio can be used, from what its gateway sees of it."""
+"""How much of a radio's bandwidth can be used, as its gateway measures it."""
 
 from random import Random
 

@@ -1,4 +1,4 @@
-"""Whom a PE obeys, and what it says when nobody reigns."""
+"""Which manager a PE follows, and what it reports when no manager is active."""
 
 from agent.one_pe import FLYING, OnePe, slice_messages
 from heronry_wire.identifiers import Command, management_id

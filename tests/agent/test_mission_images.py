@@ -1,4 +1,4 @@
-"""The logic of the flight: parachute, balloon line, wings, mission stage, steering, and what is told to the ground."""
+"""The logic of the flight: parachute, balloon line, wings, mission stage, steering, and what is sent to the ground."""
 
 import pytest
 from hypothesis import given

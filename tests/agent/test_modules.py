@@ -1,4 +1,4 @@
-"""Modules at work: when they run, what they see, what they say, and what happens when they fail."""
+"""Modules at work: when they run, their inputs and outputs, and what happens when they fail."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_nothing_else_runs_while_a_module_computes() -> None:
     assert [a.module for a in answer if isinstance(a, StepModule)] == [SERVO_1]
 
 
-# What they see
+# Their inputs
 
 
 def test_a_rewired_leaf_forgets_the_old_producer_and_keeps_an_unmoved_one() -> None:
@@ -82,7 +82,7 @@ def test_a_rewired_leaf_forgets_the_old_producer_and_keeps_an_unmoved_one() -> N
     assert "0" not in pe.seen[MONITOR]
 
 
-# What they say
+# Their outputs
 
 
 def test_an_output_that_the_slice_does_not_publish_stays_here() -> None:

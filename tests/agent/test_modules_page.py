@@ -1,4 +1,4 @@
-"""The code of docs/modules.md runs, and does what the page says."""
+"""The code of docs/modules.md runs, and behaves as the page says."""
 
 import re
 import sys
@@ -34,7 +34,7 @@ def runner() -> Iterator[ModuleRunner]:
 
 
 def code_of(what: str) -> str:
-    """The block of Python on the page that has this in it."""
+    """The block of Python on the page that contains this text."""
     (code,) = (code for code in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if what in code)
     return str(code)
 

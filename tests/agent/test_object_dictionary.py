@@ -1,4 +1,4 @@
-"""What the dictionary refuses by itself, and that it is what the table of objects says."""
+"""What the object dictionary refuses by itself, and that it agrees with the table of objects."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ PLACES = [
 
 
 def dictionary(**other: Any) -> ObjectDictionary:
-    """One that says 7, or seven letters, and takes everything that fits."""
+    """A dictionary whose values are 7, or seven letters, and that takes every value that fits."""
     given = {
         "readers": {place: lambda: 7 for place in PLACES},
         "arrays": {index: lambda: ["a name"] * 300 for index in ARRAYS},
@@ -41,9 +41,9 @@ def test_every_object_has_a_value_and_every_value_an_object() -> None:
         dictionary(readers={**readers, (IDENTITY, 1): lambda: 7})
     with pytest.raises(InvariantError, match="4119"):  # nothing gives the heartbeat time
         dictionary(readers={place: lambda: 7 for place in PLACES if place != (HEARTBEAT_TIME, 0)})
-    with pytest.raises(InvariantError, match="nobody may write"):
+    with pytest.raises(InvariantError, match="read-only"):
         dictionary(number_writers={(IDENTITY, 1): lambda _: None})
-    with pytest.raises(InvariantError, match="nobody may write"):
+    with pytest.raises(InvariantError, match="read-only"):
         dictionary(bytes_writers={(0x3000, 0): lambda _: None})
 
 
@@ -93,6 +93,6 @@ def test_a_number_of_another_length_or_beyond_its_limits_is_refused() -> None:
     assert dictionary().write(ERROR_HISTORY, 0, b"\0") is None
 
 
-def test_writing_without_having_asked_for_room_is_a_mistake_of_ours() -> None:
-    with pytest.raises(InvariantError, match="no room was asked"):
+def test_a_write_without_a_call_of_room_is_an_error_of_the_caller() -> None:
+    with pytest.raises(InvariantError, match="`room` was not called"):
         dictionary().write(IDENTITY, 9, b"\1")

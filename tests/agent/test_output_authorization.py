@@ -1,4 +1,4 @@
-"""Rule 6: when a PE drives what nobody else may drive at the same time, and when it stops by itself."""
+"""Protocol rule 6: when a PE drives its exclusive outputs, and when it stops by itself."""
 
 from agent.one_pe import (
     BEAT_NS,
@@ -26,7 +26,7 @@ from heronry_wire.management import Alive, Lease, Step
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.state_frames import PeFlags
 
-EVERYBODY = frozenset({NEIGHBOUR, NODE})
+ALL_NODES = frozenset({NEIGHBOUR, NODE})
 
 
 def flying(table: object = None) -> OnePe:
@@ -76,7 +76,7 @@ def test_what_others_could_send_too_is_sent_for_two_periods_and_not_later() -> N
     assert not sent(actions, DEMAND_ID)
     pe.hear(neighbour_state(7))
     assert not sent(pe.pass_time(2 * BEAT_NS), DEMAND_ID)
-    pe.command(Alive(1, 1, EVERYBODY))
+    pe.command(Alive(1, 1, ALL_NODES))
     assert drives(pe.pass_time(2 * BEAT_NS))
 
 
@@ -92,7 +92,7 @@ def test_after_a_pause_a_frame_without_an_epoch_is_not_enough() -> None:
     pe.hear(Frame(heartbeat_id(NEIGHBOUR), b"\x05"))
     pe.hear(rate_frame(1.0))
     assert not drives(pe.pass_time(50 * MS))
-    pe.command(Alive(1, 1, EVERYBODY))
+    pe.command(Alive(1, 1, ALL_NODES))
     assert drives(pe.pass_time(50 * MS))
 
 
@@ -106,7 +106,7 @@ def test_after_a_silence_a_newer_epoch_is_seen_before_the_lease_is_over() -> Non
         assert not drives(pe.pass_time(BEAT_NS))
 
 
-def test_following_settles_it_and_so_does_the_manager_who_names_our_own() -> None:
+def test_a_pe_is_authorized_again_when_it_follows_or_the_manager_names_its_own_epoch() -> None:
     pe = flying()
     pe.hear(neighbour_state(8))
     pe.command(Lease(1, 7, Step.GO_ALL, 1007))
@@ -139,14 +139,14 @@ def test_old_frames_taken_after_a_pause_prove_nothing_even_when_a_deadline_passe
     pe.give(Tick())
     for frame in (
         neighbour_state(7),
-        command_frame(Alive(1, 0, EVERYBODY)),
+        command_frame(Alive(1, 0, ALL_NODES)),
         command_frame(Lease(1, 7, Step.GO_ALL, 1007)),
     ):
         pe.give(Received(0, frame, age_ns=9 * LEASE_NS))
     assert not drives(pe.pass_time(50 * MS))
     pe.hear(neighbour_state(7))
     assert not drives(pe.pass_time(50 * MS))
-    pe.command(Alive(1, 1, EVERYBODY))
+    pe.command(Alive(1, 1, ALL_NODES))
     assert drives(pe.pass_time(50 * MS))
 
 

@@ -1,4 +1,4 @@
-"""What travels between an agent and its partitions arrives as it was; whatever else arrives does not raise."""
+"""Messages between an agent and its partitions arrive unchanged; no other packet raises."""
 
 import math
 import struct
@@ -113,7 +113,7 @@ def _has_nan(answer: Answer) -> bool:
 
 
 def stepped(outputs: list[bytes], types: list[bytes], length: int, values: bytes = b"") -> bytes:
-    """A step's answer with what it says of its own values, and values of that length."""
+    """The answer to a step with these names and types, and bytes of this length for the values."""
     lists = (outputs, types, [], [])
     names = b"".join(
         struct.pack("<H", len(each)) + b"".join(struct.pack("<H", len(text)) + text for text in each) for each in lists

@@ -1,6 +1,6 @@
-"""The parts for fault tolerance: what each gives, whom it accuses, and when it does not.
+"""The parts for fault tolerance: what each gives, which element it reports, and when it reports none.
 
-Three files in tests/scenarios fly them: a watched servo sticks, a barometer is stuck, a voter hears a liar.
+Three files in tests/scenarios fly them: a monitored servo jams, a barometer is stuck, a voter hears a wrong channel.
 """
 
 import math
@@ -28,7 +28,7 @@ class ThreeWritten(NVersion):
 
 
 def written(rig: Rig, seconds: float, **by_version: float | None) -> object:
-    """Feed versions v1, v2, v3 of `angle` for some time; the last output."""
+    """Feed versions v1, v2, v3 of `angle` for some time; gives the last output."""
     out: object = None
     data = [Datum(value, int(name[1:]), 0) for name, value in by_version.items() if value is not None]
     for _ in range(round(seconds * 40)):
@@ -59,7 +59,7 @@ def test_the_odd_one_out_is_reported_for_every_second_without_a_break(image: str
     assert rig.host.reported == ["device:pressure_sensor_3"] * 2
 
 
-def test_of_two_that_differ_nobody_is_blamed_and_the_one_nearer_to_before_is_given() -> None:
+def test_of_two_channels_that_differ_none_is_reported_and_the_one_nearer_to_the_last_output_is_given() -> None:
     rig = Rig(MEDIAN)
     rig.run(1, pressure_1=900.0, pressure_2=900.0, pressure_3=900.0)
     assert rig.run(3, pressure_1=902.0, pressure_3=700.0) == {"median_pressure": 902.0}
@@ -86,7 +86,7 @@ def test_what_is_no_number_counts_for_nothing(image: str, nonsense: float | str 
 # Fail-over and N-version
 
 
-def test_a_fail_over_is_at_once_and_the_way_back_takes_patience() -> None:
+def test_a_fail_over_is_immediate_and_the_way_back_takes_patience() -> None:
     rig = Rig(FAIL_OVER)
     both = {"agreed_pressure": 1.0, "median_pressure": 2.0}
     assert rig.step(**both) == {"static_pressure": 1.0}

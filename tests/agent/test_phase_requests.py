@@ -1,4 +1,4 @@
-"""A PE asks for a mission phase: by the word of a module, or because what a module gives satisfies a phase's rule."""
+"""A PE requests a mission phase: because a module does, or a value that it gives satisfies a phase's rule."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def heard(pe: OnePe, detail: int) -> None:
 
 
 class Asking(OnePe):
-    """A PE, and what it has been heard to ask for."""
+    """A PE, and the requests that it has sent."""
 
     def __init__(self) -> None:
         super().__init__(WITH_PHASES)
@@ -72,18 +72,18 @@ def flying(wanted: Slice = FLYING) -> Asking:
 
 
 def give(pe: OnePe, value: float, duration_ns: int) -> list[tuple[int, int]]:
-    """Let control give a value for some time; what is asked for meanwhile."""
+    """Let control give a value for some time; gives the requests that are sent meanwhile."""
     pe.outputs[CONTROL] = {"demand": value}
     return requests(pe.pass_time(duration_ns))
 
 
-def test_of_two_rules_that_fire_at_once_the_later_phase_is_asked_for() -> None:
+def test_of_two_rules_that_fire_together_the_later_phase_is_requested() -> None:
     pe = flying()
     assert {phase for phase, _ in give(pe, 3.0, 400 * MS)} == {LAND}
 
 
 def ask(pe: Asking, module: int, *phases: str) -> list[tuple[int, int]]:
-    """A module asks for phases in its next step."""
+    """A module requests phases in its next step."""
     pe.phases[module] = phases
     actions = pe.pass_time(40 * MS)
     del pe.phases[module]
@@ -98,7 +98,7 @@ def test_an_unknown_phase_is_counted() -> None:
     assert pe.core.counts["request of an unknown phase", CONTROL] > 0
 
 
-def test_a_module_that_stops_takes_nobody_elses_request_back() -> None:
+def test_a_module_that_stops_withdraws_only_its_own_request() -> None:
     pe = flying(BOTH)
     ask(pe, CONTROL, "land")
     pe.configure(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}), 8)

@@ -1,4 +1,4 @@
-"""Which python-can bus each port is, from the command line."""
+"""Which python-can bus each port uses, from the command line."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""A gateway at its radio: one frame at a time, at the pace of what can be used, and what it tells the manager."""
+"""A gateway at its radio: one frame at a time, at the rate of the usable bandwidth, and its reports to the manager."""
 
 from dataclasses import replace
 
@@ -72,7 +72,7 @@ class Gateway(OnePe):
         return actions
 
     def beyond(self, sequence: int) -> list[Action]:
-        """The far node beats."""
+        """The far node sends a state frame."""
         page = decode_state(neighbour_state(0, node=FAR).data)
         assert isinstance(page, StatePage0)
         frame = Frame(neighbour_state(0, node=FAR).can_id, replace(page, sequence=sequence % 256).encode())

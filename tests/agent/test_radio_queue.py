@@ -1,4 +1,4 @@
-"""What waits for a radio: the most urgent first, the newest of each, and never more than fits."""
+"""Frames that wait for a radio: the most urgent first, the newest of each kind, and a limited number."""
 
 from hypothesis import given
 from hypothesis import strategies as st

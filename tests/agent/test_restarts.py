@@ -8,14 +8,14 @@ MODULE, OTHER = 3, 4
 
 
 def failures(restarts: Restarts, budget: int, at_ns: int) -> tuple[int | None, int]:
-    """How often by now, and how long it waits."""
+    """Number of failures by now, and how long the module waits."""
     times = restarts.failed(MODULE, budget, at_ns)
     wait_ns = restarts.next_ns - at_ns
     restarts.due(restarts.next_ns)
     return times, wait_ns
 
 
-def test_it_begins_at_once_then_later_and_later_and_is_given_up() -> None:
+def test_a_failed_module_begins_immediately_then_later_and_later_and_is_given_up() -> None:
     restarts = Restarts()
     told = [failures(restarts, 3, k * MS) for k in range(3)]
     assert told == [(1, 0), (2, BACK_OFF_NS), (3, 2 * BACK_OFF_NS)]
@@ -35,7 +35,7 @@ def test_a_minute_without_a_failure_forgives() -> None:
     assert restarts.failed(MODULE, 1, 2 * FORGIVEN_NS) is None
 
 
-def test_a_budget_of_none_gives_up_at_once() -> None:
+def test_a_module_without_a_budget_is_given_up_at_its_first_failure() -> None:
     assert Restarts().failed(MODULE, 0, 0) is None
 
 

@@ -1,4 +1,4 @@
-"""A partition is asked for all that is due; chains hand on within the instant; who is late holds up its partition."""
+"""A partition receives all due steps; chains pass values within the instant; a late module delays its partition."""
 
 from agent.one_pe import MS
 from heronry_agent.core.schedule import HUNG_NS, Schedule
@@ -18,11 +18,11 @@ def chained() -> Schedule:
 
 
 def begun(schedule: Schedule, now_ns: int) -> list[tuple[int, int]]:
-    """Begin all that is due; gives modules and releases."""
+    """Begin all due modules; gives modules and releases."""
     return [(module, schedule.begin(module, now_ns)) for module in schedule.due(now_ns)]
 
 
-def test_all_that_is_due_is_asked_for_at_once_in_the_order_of_the_spec() -> None:
+def test_modules_that_are_due_begin_together_in_the_order_of_the_spec() -> None:
     schedule = Schedule()
     for module, partition in ((CONSUMER, "two"), (THIRD, "one"), (PRODUCER, "one")):
         schedule.start(module, 40_000, 0, partition)
@@ -53,7 +53,7 @@ def test_a_consumer_waits_for_its_producer_in_its_own_partition_too() -> None:
     assert [module for module, _ in begun(schedule, 0)] == [CONSUMER]
 
 
-def test_one_that_is_left_out_holds_up_nobody() -> None:
+def test_a_module_that_is_left_out_delays_no_other_module() -> None:
     schedule = chained()
     assert [module for module in schedule.due(0) if module != PRODUCER and schedule.begin(module, 0)] == [CONSUMER]
     assert schedule.next_ns == min(PERIOD_NS, HUNG_NS)
@@ -84,7 +84,7 @@ def test_it_does_not_wait_for_a_release_of_long_ago() -> None:
     assert [module for module, _ in begun(schedule, 10 * MS)] == [CONSUMER]
 
 
-def test_it_waits_for_one_that_was_due_first_and_whose_partition_is_busy() -> None:
+def test_a_module_waits_for_a_producer_that_was_due_first_and_whose_partition_is_busy() -> None:
     schedule = chained()
     schedule.start(0, 40_000, -1 * MS, "one")
     ((module, release),) = begun(schedule, -1 * MS)
@@ -125,7 +125,7 @@ def test_what_was_not_asked_or_was_stopped_since_neither_ends_nor_hangs_nor_begi
     assert not schedule.again(THIRD, release, 0)
 
 
-def test_a_step_that_could_not_be_taken_is_due_at_once_and_keeps_its_grid() -> None:
+def test_a_step_that_could_not_be_taken_is_due_immediately_and_keeps_its_grid() -> None:
     schedule = Schedule()
     schedule.start(THIRD, 40_000, 0)
     ((_, release),) = begun(schedule, 0)

@@ -1,4 +1,4 @@
-"""The SDO server, met by an unmodified `canopen` client and by one that does everything wrong (CiA 301, 7.2.4)."""
+"""The SDO server with an unmodified `canopen` client, and with one that makes every mistake (CiA 301, 7.2.4)."""
 
 import queue
 from collections import deque
@@ -78,13 +78,13 @@ class Line:
         self.client.responses = self  # type: ignore[assignment]
 
     def send_message(self, _can_id: int, data: bytes) -> None:
-        """What the client's bus does."""
+        """Send a frame of the client to the server, in place of its bus."""
         self.requests += 1
         if self.requests not in self.lost_requests:
             self._answer(self.ask(bytes(data)))
 
     def get(self, *, block: bool, timeout: float) -> bytes:
-        """What the client's queue of answers does; it waits in the server's time."""
+        """Give the next answer, in place of the client's queue; waits in the server's time."""
         assert block
         end_ns = self.now_ns + round(timeout * 1000 * MS)
         while not self.heard and self.server.next_ns <= end_ns:
@@ -96,7 +96,7 @@ class Line:
         return self.heard.popleft()
 
     def empty(self) -> bool:
-        """What has come unasked is never looked at: as in the client."""
+        """Tell that no frame waits: the client, too, ignores frames that it did not request."""
         self.heard.clear()
         return True
 
@@ -111,7 +111,7 @@ class Line:
         return self.server.request(message, self.now_ns)
 
     def pass_time(self, duration_ns: int) -> Iterator[bytes]:
-        """Let time pass; gives what the server says meanwhile."""
+        """Let time pass; gives the answers of the server meanwhile."""
         end_ns = self.now_ns + max(0, duration_ns)
         while self.server.next_ns <= end_ns:
             self.now_ns = max(self.now_ns, self.server.next_ns)
@@ -185,7 +185,7 @@ def test_a_client_does_without_checksum_and_without_size(line: Line) -> None:
 
 @given(st.sets(st.integers(2, SEGMENTS_PER_BLOCK + 1), min_size=1, max_size=5))
 def test_segments_of_a_block_that_are_lost_are_sent_again(lost: set[int]) -> None:
-    """But the last block: the client cannot send again what it thinks is done."""
+    """Except in the last block: the client does not send again what it takes for complete."""
     line = Line()
     line.lost_requests = lost
     content = bytes(range(256)) * 2
@@ -219,7 +219,7 @@ def test_an_answer_that_is_lost_leaves_nothing_behind(line: Line) -> None:
     assert line.shelf.values[DOMAIN] == b"once more, with feeling"
 
 
-# One that does everything wrong
+# A client that makes every mistake
 
 
 def test_reading_nothing_takes_one_empty_segment(line: Line) -> None:

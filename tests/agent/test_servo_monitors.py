@@ -1,4 +1,4 @@
-"""The servo monitors: a servo that sticks is named, its healthy twin is not, and a sensor does not cost two servos."""
+"""The servo monitors: a jammed servo is reported, its healthy twin is not, and a sensor does not cost two servos."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ COMMANDS = ("elevator_demand", "elevator_servo_command")
 
 
 def swing(tick: int) -> float:
-    """A command that moves as the glide's does: some degrees, every 8 seconds."""
+    """A command that moves as in the glide: some degrees, every 8 seconds."""
     return 8.0 * math.sin(math.tau * tick / RATE_HZ / 8.0)
 
 
@@ -25,7 +25,7 @@ def swing(tick: int) -> float:
 class Tail:
     """Two servos, one surface, one angle sensor, one monitor, and a manager that has chosen the `working` servo.
 
-    The manager puts the other servo to work a second after it was told that this one has failed.
+    The manager uses the other servo a second after the report that this one has failed.
     """
 
     image: str
@@ -80,7 +80,7 @@ def test_a_healthy_servo_is_left_in_peace(image: str) -> None:
 
 
 @BOTH
-def test_one_slow_look_accuses_nobody(image: str) -> None:
+def test_one_slow_step_reports_no_servo(image: str) -> None:
     """Command and angle are of different moments: at one step a second they may well be far apart once."""
     slow = Rig(image, rate_hz=1)
     for commanded, measured in [(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0), (0.0, 0.0)]:
@@ -88,7 +88,7 @@ def test_one_slow_look_accuses_nobody(image: str) -> None:
     assert slow.host.reported == []
 
 
-def test_where_nobody_drives_for_a_second_the_monitor_without_an_echo_accuses_nobody() -> None:
+def test_a_monitor_without_an_echo_reports_no_servo_where_no_pe_drives_for_a_second() -> None:
     """The driver's PE is lost, and another one takes its place: all the while the surface stands still."""
     tail = Tail("servo_monitor")
     tail.fly(10)
@@ -178,7 +178,7 @@ def test_the_same_one_is_reported_again_while_the_manager_has_no_better_idea(ima
 
 
 @BOTH
-def test_without_an_angle_or_a_command_there_is_no_judgement(image: str) -> None:
+def test_without_an_angle_or_a_command_no_servo_is_reported(image: str) -> None:
     tail = Tail(image)
     tail.fly(10)
     tail.plant.fail("elevator_angle_sensor", "dead", 0)
@@ -198,7 +198,7 @@ def test_told_which_servo_works_the_monitor_blames_the_second_one_after_its_own_
 
 
 def test_not_told_the_paper_s_monitor_starts_with_the_primary_and_then_doubts_the_sensor() -> None:
-    """What its file says of a spare that works while nobody told it: both servos are never given up."""
+    """As its file says of a spare that works without its knowledge: the monitor never gives up both servos."""
     tail = Tail("servo_monitor", working=2, manager_acts=False)
     tail.fly(10)
     tail.fail("elevator_servo_2")

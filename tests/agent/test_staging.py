@@ -1,4 +1,4 @@
-"""What a PE stages, in whatever order the frames come, and what it says when it cannot."""
+"""What a PE stages, with its frames in any order, and what it reports when it cannot."""
 
 import itertools
 from base64 import b64encode
@@ -19,7 +19,7 @@ def last_page_1(pe: OnePe) -> StatePage1:
     return pe.ask()[1]
 
 
-def test_a_slice_is_staged_and_told_at_once() -> None:
+def test_a_slice_is_staged_and_reported_immediately() -> None:
     pe = OnePe()
     actions = pe.command(*slice_messages(FLYING, EPOCH, DIGEST))
     final = pages(actions)[-1]

@@ -1,4 +1,4 @@
-"""How a configuration takes over from the one before, step by step, and what is lost or doubled on the way."""
+"""How a configuration replaces the one before, step by step, with commands lost and doubled."""
 
 from agent.one_pe import (
     CONTROL,

@@ -1,4 +1,4 @@
-"""A table that contradicts itself is refused at the start; a broken invariant tells its story."""
+"""A table that contradicts itself is refused at the start; the message of a broken invariant has the recent events."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ def with_source(**changes: object) -> PeTable:
 
 
 def with_version(version: int) -> PeTable:
-    """The table, in which every mode gives this version of what it gives."""
+    """The table, with this version of every variable that a mode gives."""
     modules = []
     for module in TABLE.modules:
         modes = (replace(mode, gives=dict.fromkeys(mode.gives, version)) for mode in module.modes)

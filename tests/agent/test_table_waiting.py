@@ -1,4 +1,4 @@
-"""A PE that waits for its table: what it says and takes meanwhile."""
+"""A PE that waits for its table: what it sends and accepts meanwhile."""
 
 import json
 from dataclasses import replace
@@ -38,7 +38,7 @@ class Waiting(SteppedCore):
         return [frame.data for frame in sent(actions, sdo_response_id(NODE))], notes
 
     def write(self, text: bytes) -> tuple[Abort | None, list[str]]:
-        """Write a table by segments: why it is refused, and what is noted."""
+        """Write a table by segments; gives why it is refused, and the notes."""
         (answer,), notes = self.ask(
             b"\x21" + TABLE_INDEX.to_bytes(2, "little") + b"\0" + len(text).to_bytes(4, "little")
         )
@@ -95,7 +95,7 @@ def test_a_table_that_cannot_be_used_is_refused_with_its_reason(text: bytes, say
     assert waiting.write(TABLE.to_json().encode())[0] is None
 
 
-def test_who_is_no_pe_cannot_wait() -> None:
+def test_a_node_that_is_no_pe_cannot_wait() -> None:
     with pytest.raises(TableError, match="PEs have 92 to 125"):
         WaitingCore(91, 1_000_000, 0)
 
@@ -126,14 +126,14 @@ class KeyedWaiting(Waiting):
         self.manager = PlayedManager(MANAGER, 3, KEY)
 
     def tell(self, *messages: Message) -> list[Action]:
-        """Say commands, each with its TAG."""
+        """Send commands, each with its TAG."""
         return self.hear(*self.manager.frames(*messages))
 
     def pages(self, actions: list[Action]) -> list[object]:
         return [decode_state(frame.data) for frame in sent(actions, state_id(NODE))]
 
     def meet(self) -> None:
-        """Let it ask, and answer it."""
+        """Let the node send its nonce, and answer with WELCOME."""
         (page,) = self.pages(self.tell(Lease(3, 0, Step.PREPARED, 0)))
         assert isinstance(page, StatePage2)
         (said,) = self.pages(self.hear(*self.manager.welcome(NODE, page.nonce)))
@@ -143,7 +143,7 @@ class KeyedWaiting(Waiting):
 
 @pytest.fixture
 def keyed() -> KeyedWaiting:
-    """Give a node that believes its manager."""
+    """Give a node that accepts the commands of its manager."""
     waiting = KeyedWaiting()
     waiting.meet()
     return waiting

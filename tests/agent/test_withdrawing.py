@@ -1,4 +1,4 @@
-"""Data that waits to be sent when its module goes elsewhere must not follow the word that it has stopped."""
+"""Data frames that wait when their module moves elsewhere must not follow the report that it has stopped."""
 
 from agent.one_pe import DEMAND_ID, FLYING, NEIGHBOUR, NODE, RUN_SERVO_1, OnePe, neighbour_state
 from heronry_agent.core.vocabulary import Action
@@ -10,7 +10,7 @@ WITHOUT_CONTROL = Slice((RUN_SERVO_1,), remote={1: 94})
 
 
 def allowed() -> OnePe:
-    """A PE that may send under identifiers that another one could have."""
+    """A PE that may send under identifiers that another PE could have."""
     pe = OnePe()
     pe.configure(FLYING, epoch=1)
     assert not withdrawn(pe.command(Alive(1, 1, frozenset({NEIGHBOUR, NODE}))))
@@ -21,7 +21,7 @@ def withdrawn(actions: list[Action]) -> set[int]:
     return {identifier for action in actions if isinstance(action, Withdraw) for identifier in action.identifiers}
 
 
-# A PE that hears and is not heard: what it made while it was allowed to must not go out when it is heard again.
+# The transmission of a PE has failed: frames made while it was authorized must not go out when it is heard again.
 
 
 def test_what_waits_is_withdrawn_when_another_pe_runs_a_newer_epoch() -> None:
@@ -39,7 +39,7 @@ def test_what_waits_is_withdrawn_when_the_manager_means_something_else_by_our_ep
     assert withdrawn(allowed().command(Lease(1, 1, Step.GO_ALL, 7))) == {DEMAND_ID}
 
 
-def test_who_runs_nothing_that_may_move_withdraws_nothing() -> None:
+def test_a_pe_without_movable_modules_withdraws_nothing() -> None:
     pe = OnePe()
     pe.configure(WITHOUT_CONTROL, epoch=1)
     pe.command(Alive(1, 1, frozenset({NEIGHBOUR, NODE})))

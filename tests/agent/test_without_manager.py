@@ -1,4 +1,4 @@
-"""What a PE lets go of while no manager is heard, and how it comes back (`without_manager: safe_mode`)."""
+"""Which modules a PE stops while no manager is heard, and how they start again (`without_manager: safe_mode`)."""
 
 from dataclasses import replace
 

@@ -64,7 +64,7 @@ CONFORMANCE_TESTS = (
     "pe_failing.a_module_that_was_given_up_runs_again_with_the_next_epoch",
     "pe_failing.a_new_term_is_told_what_has_stopped",
     "pe_failing.a_phase_s_rule_holds_for_its_time",
-    "pe_failing.what_is_cleared_is_taken_back_and_told_anew",
+    "pe_failing.what_is_cleared_is_ended_and_reported_anew",
     "pe_keyed.a_new_session_begins_with_renew_and_with_a_new_term",
     "pe_staging.a_contingency_on_board_is_called_by_its_number",
     "pe_staging.a_newer_epoch_takes_the_place_of_what_is_collected",

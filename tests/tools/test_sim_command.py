@@ -272,8 +272,7 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
         end(process.pid, number)
         told = process.communicate(timeout=20)
     assert process.returncode == 128 + number
-    assert told in (("", ""), ("", "heronry: stopped; the same command continues from plans.partial
-"))
+    assert told in (("", ""), ("", "heronry: stopped; the same command continues from plans.partial\n"))
     until_s = time.monotonic() + 5  # the last processes end when their pipe is closed
     while members(process.pid) and time.monotonic() < until_s:
         time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Keys and tags: what they depend on, and the file that a key lives in."""
+"""Keys and tags: what they depend on, and the file of a key."""
 
 from hashlib import blake2s
 from pathlib import Path

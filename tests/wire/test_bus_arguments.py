@@ -1,4 +1,4 @@
-"""Which bus is meant, and what is said where that is not clear."""
+"""Which bus a command line names, and the message where it names none."""
 
 import re
 from pathlib import Path

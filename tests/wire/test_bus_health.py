@@ -1,4 +1,4 @@
-"""What befalls a bus, in sentences and counts; and what Linux tells of a controller and of an interface."""
+"""Link status events of a bus, as sentences and counts; and how Linux reports a controller and an interface."""
 
 import socket
 import struct

@@ -1,8 +1,8 @@
-"""Nobody counts the bytes of a frame but the codecs: elsewhere a subscript of bytes, or their unpacking, is an error.
+"""Only the codecs know positions of bytes in a frame: elsewhere a subscript of bytes, or their unpacking, is an error.
 
-Looked for in the source of all packages: a subscript of an attribute `data`, of a name that was bound to one, or of a
-parameter that is `bytes`; and `from_bytes` and `unpack`. Files that have to do with other bytes are listed with what
-these are, and a file that needs its place on a list no more is an error, too.
+The test searches the source of all packages for a subscript of an attribute `data`, of a name that was bound to one, or
+of a parameter that is `bytes`; and for `from_bytes` and `unpack`. Files that handle other bytes are listed with what
+these are, and a file that does not need its place on the list any more is an error, too.
 """
 
 import ast
@@ -48,7 +48,7 @@ _UNPACKING = ("from_bytes", "unpack", "unpack_from")
 
 
 def peeks(tree: ast.AST) -> Iterator[ast.expr]:
-    """Every place where bytes are counted."""
+    """Every place where positions of bytes are used."""
     for scope in ast.walk(tree):
         if isinstance(scope, ast.FunctionDef | ast.AsyncFunctionDef):
             named = {arg.arg for arg in _arguments(scope.args) if _is_bytes(arg.annotation)}

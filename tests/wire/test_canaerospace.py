@@ -1,4 +1,4 @@
-"""CANaerospace data frames against every known byte vector, and back again for whatever else there is."""
+"""CANaerospace data frames against every known byte vector, and encoded and decoded again for all other values."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""Two channels as one bus: what is taken, whatever the channels lose, delay, or bring again after a long time."""
+"""Two channels as one bus: which frames are taken when the channels lose, delay, or bring them again much later."""
 
 from collections import Counter
 
@@ -15,7 +15,7 @@ LEASE, OTHER = Frame(200, b"lease"), Frame(300, b"datum")
 
 
 def taken(*brought: tuple[float, int, Frame]) -> list[bool]:
-    """What becomes of frames that channels bring, each with its time in milliseconds."""
+    """Which of these frames of the channels are taken, each with its time in milliseconds."""
     merge = ChannelMerge(BEAT_NS)
     return [merge.take(channel, frame, round(at_ms * MS)) for at_ms, channel, frame in brought]
 
@@ -54,7 +54,7 @@ def test_with_one_channel_gone_nothing_changes() -> None:
 
 
 def test_what_waited_on_a_channel_that_comes_back_is_withheld_and_the_channel_is_in_step_with_the_next_pair() -> None:
-    """A state as it was a second ago would read like a restart."""
+    """A state that is a second old would look like a restart."""
     old, new = Frame(260, b"old"), Frame(260, b"new")
     away = [(20.0 * beat, 0, new) for beat in range(50)]
     returns = [(1000, 0, new), (1003, 1, old), (1004, 1, new), (1020, 1, new), (1020.1, 0, new)]
@@ -133,7 +133,7 @@ def test_two_channels_that_bring_everything_are_one(sent: list[tuple[Frame, int,
 
 @given(arrivals, st.integers(1, 30 * MS))
 def test_it_remembers_nothing_that_is_over(brought: list[tuple[int, Frame, int]], pace_ns: int) -> None:
-    """However long it flies: what is kept is what came within a window."""
+    """In a flight of any length only the frames of one window are kept."""
     merge, now_ns = ChannelMerge(BEAT_NS), 0
     for channel, frame, later_ns in brought:
         now_ns += later_ns * pace_ns // MS

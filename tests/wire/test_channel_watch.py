@@ -10,14 +10,14 @@ NONE: frozenset[int] = frozenset()
 
 
 class Bus:
-    """A bus of some nodes that speak in every period."""
+    """A bus of some nodes that send in every period."""
 
     def __init__(self) -> None:
         self.watch = ChannelWatch(BEAT_NS, 3, 0)
         self.now_ns = 0
 
     def beats(self, count: int, *, heard: tuple[int, ...] = (0, 1), left: tuple[int, ...] = (0, 1)) -> frozenset[int]:
-        """Let periods pass in which these channels give these signs; what is lost then."""
+        """Let periods pass in which these channels give these signs; gives the channels that are lost then."""
         for _ in range(count):
             self.now_ns += BEAT_NS
             for channel in heard:
@@ -59,7 +59,7 @@ def test_what_flaps_stays_lost() -> None:
         assert bus.beats(6) == {2}
 
 
-def test_where_nobody_speaks_and_after_a_pause_nothing_is_lost() -> None:
+def test_no_channel_is_lost_on_a_silent_bus_or_after_a_pause() -> None:
     bus = Bus()
     assert bus.beats(100, heard=(), left=()) == NONE
     assert bus.beats(1) == NONE

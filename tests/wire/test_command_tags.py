@@ -1,6 +1,6 @@
-"""Commands and their tags between a manager and whoever listens, with somebody in between.
+"""Commands and their tags between a manager and a receiver, with an attacker in between.
 
-Whatever that somebody does, what is believed was said by the manager, and in its order: never twice, never late.
+For all that the attacker does, each accepted command was sent by the manager, in its order: never twice, never late.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ def commands(term: int = 3) -> list[Frame]:
 
 @dataclass
 class Listener:
-    """A PE's half: frames in, commands that are believed out."""
+    """The receiver in a PE: frames in, accepted commands out."""
 
     verifier: CommandVerifier = field(default_factory=lambda: CommandVerifier(KEY, 20 * MS))
     nonce: int = NONCE
@@ -45,7 +45,7 @@ class Listener:
     believed: list[Frame] = field(default_factory=list)
 
     def hear(self, *frames: Frame | None) -> list[Frame]:
-        """Take frames, a quarter of a millisecond after each other; gives the commands that are believed now."""
+        """Take frames, a quarter of a millisecond after each other; gives the commands that are accepted now."""
         before = len(self.believed)
         for frame in frames:
             assert frame is not None
@@ -63,7 +63,7 @@ class Listener:
 
 
 def welcomed(signer: CommandSigner) -> Listener:
-    """Give a listener that has had its answer."""
+    """Give a listener that has been welcomed."""
     listener = Listener()
     listener.hear(*signer.welcome(92, NONCE))
     assert listener.verifier.places[126] == Place(3, signer.number)
@@ -92,7 +92,7 @@ def test_commands_may_overtake_the_tags_of_others() -> None:
 
 def test_before_a_fresh_start_nothing_is_believed_and_an_old_answer_is_none() -> None:
     signer = CommandSigner(KEY, 126, 3)
-    recorded = signer.welcome(92, nonce=77)  # to what this PE asked before it was restarted
+    recorded = signer.welcome(92, nonce=77)  # to the nonce of this PE before its restart
     listener = Listener()
     assert not listener.hear(*said_by(signer, commands()))
     assert listener.verifier.refused == {Refusal.UNKNOWN: len(commands())}
@@ -142,7 +142,7 @@ def test_what_was_lost_takes_nothing_else_with_it() -> None:
 
 
 def test_one_that_comes_twice_makes_those_after_it_no_older() -> None:
-    """A LEASE says the same each period."""
+    """A LEASE repeats the same bytes each period."""
     signer, verifier = CommandSigner(KEY, 126, 3), CommandVerifier(KEY, 100 * MS)
     answer, tag = signer.welcome(92, NONCE)
     verifier.hold(126, Command.CONTROL, Received(0, answer), 0)
@@ -179,7 +179,7 @@ def test_a_flood_of_commands_takes_no_more_room_than_there_is() -> None:
     assert listener.hear(*said_by(signer, commands()[:1])) == commands()[:1]
 
 
-def test_who_was_left_behind_too_far_is_lost_until_it_is_answered_anew() -> None:
+def test_a_receiver_that_has_missed_too_many_commands_needs_a_new_welcome() -> None:
     signer = CommandSigner(KEY, 126, 3)
     listener = welcomed(signer)
     signer.number += NUMBER_SPAN
@@ -214,7 +214,7 @@ def test_another_manager_is_known_by_its_tags_alone() -> None:
     seeker = Listener(CommandVerifier(KEY, 20 * MS, seek=True))
     foreign = CommandSigner(FOREIGN, 126, 3)
     assert not seeker.hear(*said_by(foreign, commands()[:1]))
-    assert not seeker.hear(*said_by(signer, commands()[:1]))  # it has just sought, and rests
+    assert not seeker.hear(*said_by(signer, commands()[:1]))  # it has just tried the numbers, and pauses
     seeker.now_ns += 20 * MS
     assert seeker.hear(*said_by(signer, commands()[:1])) == commands()[:1]
     assert seeker.hear(*said_by(signer, commands())) == commands()
@@ -233,7 +233,7 @@ def test_whatever_is_done_to_the_frames_what_is_believed_was_said_and_in_that_or
     meddlings: list[Meddling], chosen: list[int]
 ) -> None:
     signer = CommandSigner(KEY, 126, 3)
-    recorded = said_by(CommandSigner(KEY, 126, 2), commands(2))  # of the last reign
+    recorded = said_by(CommandSigner(KEY, 126, 2), commands(2))  # of the previous term
     listener = welcomed(signer)
     said = [
         frame._replace(data=Ping(3, 92, n).encode()) if frame.can_id == 205 else frame

@@ -1,4 +1,4 @@
-"""What a PE has on board: it comes back as it was written, and what is no block is refused."""
+"""Contingencies on board: they are read as they were written, and other bytes are refused."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The EDS says what the table of objects says, and CANopen tools read it."""
+"""The EDS agrees with the table of objects, and CANopen tools read it."""
 
 import io
 from pathlib import Path

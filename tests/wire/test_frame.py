@@ -1,4 +1,4 @@
-"""The text forms of a frame: what is written is read back, what is broken is a value."""
+"""The text forms of a frame: a written frame is read back, broken text gives a value."""
 
 import pytest
 from hypothesis import given
@@ -121,7 +121,7 @@ def test_any_text_gives_a_value(text: str) -> None:
 
 
 def sent_bits(frame: Frame) -> list[int]:
-    """What a node sends until arbitration ends, written down from the frame formats of ISO 11898-1."""
+    """Bits that a node sends until arbitration ends, from the frame formats of ISO 11898-1."""
     if frame.extended:
         base, extension = f"{frame.can_id >> 18:011b}", f"{frame.can_id & 0x3FFFF:018b}"
         return [int(bit) for bit in f"{base}11{extension}{frame.remote:d}"]

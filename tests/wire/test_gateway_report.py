@@ -1,4 +1,4 @@
-"""What a gateway says of its radio, as bytes."""
+"""The report of a gateway on its radio, as bytes."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""A layout is one big number cut into fields: what goes in comes out, and what does not fit is said so."""
+"""A layout is one big number cut into fields: values are read as written, and a value that does not fit raises."""
 
 import pytest
 from hypothesis import given

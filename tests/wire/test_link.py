@@ -1,4 +1,4 @@
-"""The one way onto a bus, on a software bus and on a back-end that fails as it is told."""
+"""A link, on a software bus and on a back-end that fails on command."""
 
 import errno
 import re
@@ -37,7 +37,7 @@ def link_to(hub: Path) -> Link:
 
 
 def turn(*links: Link) -> list[Arrival]:
-    """One turn of a loop that serves these links; what arrives at the last one is given."""
+    """One turn of a loop that serves these links; gives the arrivals at the last one."""
     select.select(links, [], [], PATIENCE_S)
     arrivals: list[Arrival] = []
     for link in links:
@@ -144,7 +144,7 @@ class Stubborn(can.BusABC):
 
     channel_info = "socketcan of the test"
     current: "Stubborn"
-    broken: Exception | None = None  # what everything but `send` raises
+    broken: Exception | None = None  # what every method but `send` raises
 
     def __init__(self, channel: str, **_: object) -> None:
         super().__init__(channel)
@@ -234,7 +234,7 @@ def test_whatever_a_back_end_raises_is_not_the_end_of_its_node(stubborn: Link) -
 
 @pytest.mark.parametrize("noise", [ValueError("invalid literal"), IndexError("string index out of range")])
 def test_noise_is_counted_and_what_comes_after_it_is_taken(stubborn: Link, noise: Exception) -> None:
-    """The slcan back-end raises where its modem says anything but what it expects."""
+    """The slcan back-end raises where its modem sends an unexpected answer."""
     bus = Stubborn.current
     bus.broken, bus.arrived = noise, [can.Message(timestamp=0.0)]
     assert stubborn.receive(0) == []
@@ -293,7 +293,7 @@ def test_a_bus_that_cannot_be_opened_again_is_tried_again(modem: Link, monkeypat
 
 
 @pytest.mark.parametrize("when", ["it is open", "it opens", "it cannot be opened"])
-def test_a_bus_that_nobody_wants_any_more_is_closed(when: str) -> None:
+def test_a_bus_whose_opening_was_abandoned_is_closed(when: str) -> None:
     is_closed, goes_on = Event(), Event()
 
     class Late(Stubborn):
@@ -336,7 +336,7 @@ def test_a_controller_that_is_bus_off_is_off_the_bus(stubborn: Link) -> None:
     assert stubborn.is_open
 
 
-def test_a_bus_on_which_nobody_acknowledges_is_told_once(stubborn: Link) -> None:
+def test_a_bus_on_which_no_node_acknowledges_is_one_event(stubborn: Link) -> None:
     for can_id in range(25):
         stubborn.send(Frame(can_id, b""), can_id * ECHO_TIMEOUT_NS)
         stubborn.pump(can_id * ECHO_TIMEOUT_NS)
@@ -400,7 +400,7 @@ def test_a_back_end_that_is_not_well_known_is_sent_to_without_echo_and_its_stamp
         for can_id in (5, 6):
             link.send(Frame(can_id, b""), 0)
         assert [message.arbitration_id for message in Stubborn.current.sent] == [5, 6]
-        assert link.departures_ns() == [0, 0], "nobody knows when they left the modem behind it"
+        assert link.departures_ns() == [0, 0], "it is not known when they left the modem behind it"
         Stubborn.current.arrived = [can.Message(timestamp=0.0)]
         assert link.receive(1_000)[0].time_ns == 1_000
 
@@ -439,7 +439,7 @@ def test_what_waited_out_a_pause_does_not_go_out(stubborn: Link) -> None:
     assert stubborn.queue.expired == 1
 
 
-def test_who_stands_back_hands_over_what_is_urgent_and_the_rest_afterwards(stubborn: Link) -> None:
+def test_a_link_that_holds_data_back_sends_urgent_frames_first_and_the_rest_afterwards(stubborn: Link) -> None:
     bus = Stubborn.current
     stubborn.stand_back(1_000)
     stubborn.send(Frame(700, b""), 0)

@@ -1,4 +1,4 @@
-"""Node services: the sessions of the vectors, told as requests and answers."""
+"""Node services: the sessions of the vectors, as requests and answers."""
 
 import pytest
 from hypothesis import given
@@ -40,7 +40,7 @@ def heard(text: str) -> ServiceMessage:
     return message
 
 
-def test_a_node_is_asked_who_it_is() -> None:
+def test_a_node_answers_an_identification_request() -> None:
     asked = request(Service.IDS, 42)
     assert encode_service(asked) == frame("080#2A000000")
     answered = answer_identification(heard("080#2A000000"), 42, Identification(1, 2))
@@ -55,8 +55,8 @@ def test_on_a_low_channel_the_answer_comes_on_the_same_channel() -> None:
 
 
 def test_a_broadcast_is_answered_one_node_after_the_other() -> None:
-    everybody, one = heard("080#00000000"), heard("080#5E000000")
-    assert [answer_delay_ns(everybody, node) for node in (92, 93, 127)] == [0, 1_000_000, 35_000_000]
+    all_nodes, one = heard("080#00000000"), heard("080#5E000000")
+    assert [answer_delay_ns(all_nodes, node) for node in (92, 93, 127)] == [0, 1_000_000, 35_000_000]
     assert answer_delay_ns(one, 94) == 0
 
 

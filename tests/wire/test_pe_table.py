@@ -1,4 +1,4 @@
-"""PE tables: what the manager compiles is what an agent reads, and anything else is one sentence."""
+"""PE tables: an agent reads what the manager compiles, and refuses any other text with one sentence."""
 
 import json
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def compiled() -> tuple[PeTable, ...]:
 
 @cache
 def small_text() -> str:
-    """The shortest of them: what is changed below."""
+    """The shortest of them, which the tests below change."""
     return min((table.to_json() for table in compiled()), key=len)
 
 

@@ -1,4 +1,4 @@
-"""Readers of single fields say what the decoders say."""
+"""Readers of single fields agree with the decoders."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""One node on a replicated bus: on two software buses, and on back-ends that fail as they are told."""
+"""One node on a replicated bus: on two software buses, and on back-ends that fail on command."""
 
 import select
 import time
@@ -18,7 +18,7 @@ from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 
 PATIENCE_S = 10.0
 BEAT_NS = 20_000_000
-SLOW_BEAT_NS = 20_000_000_000  # for real processes: however late they run, copies are copies
+SLOW_BEAT_NS = 20_000_000_000  # for real processes: copies are recognized even if they run late
 LEASE, DATUM = Frame(200, b"lease"), Frame(300, b"datum")
 BUS_OFF = can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False, data=bytes(8))
 
@@ -93,7 +93,7 @@ class Channel(can.BusABC):
         return 0
 
     def echo(self) -> None:
-        """Let what was sent last be on the bus."""
+        """Let the frame that was sent last be on the bus."""
         self.arrived.append(self.sent[-1])
 
     def bring(self, frame: Frame, at_ns: int) -> None:
@@ -139,7 +139,7 @@ def test_what_waits_is_taken_back_on_both(twin: ReplicatedLink) -> None:
     assert not twin.all_left
 
 
-def test_who_stands_back_does_so_on_both(twin: ReplicatedLink) -> None:
+def test_data_are_held_back_on_both_channels(twin: ReplicatedLink) -> None:
     twin.stand_back(1_000)
     twin.send(DATUM, 0)
     twin.send(LEASE, 0)
@@ -173,7 +173,7 @@ def test_the_bus_is_lost_since_its_second_channel_went_and_back_with_either(twin
         twin.receive(now_ns)
     assert (twin.off_since_ns, twin.is_open, twin.nothing_waits) == (9, False, True)
     twin.send(LEASE, 10)
-    assert twin.departures_ns() == [0], "gone, as far as anybody who waits for it goes"
+    assert twin.departures_ns() == [0], "it has left the queue, for a caller that waits for it"
     Channel.gone.remove("a")
     twin.pump(9 + REOPEN_NS)
     assert twin.off_since_ns is None

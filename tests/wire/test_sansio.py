@@ -1,4 +1,4 @@
-"""An invariant that does not hold tells its story, with `python -O` too."""
+"""The message of an invariant that does not hold has the facts, with `python -O` too."""
 
 import subprocess
 import sys

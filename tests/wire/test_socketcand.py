@@ -35,7 +35,7 @@ class Server:
     def _greet(self) -> None:
         while True:
             client = self._listening.accept()[0]
-            with suppress(ConnectionError):  # somebody who only looks whether we are here goes away
+            with suppress(ConnectionError):  # a client that only tests the connection closes it
                 client.sendall(b"< hi >")
                 if client.recv(100) == b"< open can0 >":
                     break
@@ -81,7 +81,7 @@ def test_frames_come_and_go_and_none_is_left_lying(server: Server) -> None:
         assert joined.departures_ns() == [0]
 
 
-def test_what_nobody_wants_hides_nothing_that_is_wanted(server: Server) -> None:
+def test_frames_of_other_identifiers_hide_none_that_the_node_takes(server: Server) -> None:
     with closing(linked(server)) as joined:
         assert server.client is not None
         joined.accept({0x0C9})
@@ -132,7 +132,7 @@ def test_a_server_that_is_not_named_is_one_sentence(channel: str) -> None:
         open_bus({"interface": "socketcand", "channel": channel})
 
 
-def test_a_server_that_is_not_there_is_one_sentence_at_once() -> None:
+def test_a_missing_server_is_one_sentence_immediately() -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
     with pytest.raises(LinkError, match="refused"):

@@ -180,7 +180,7 @@ def test_impossible_errors_are_refused(errors: Errors) -> None:
 
 
 def textbook(messages: list[Message], blocking_bits: int, errors: Errors | None) -> list[tuple[Fraction, int]]:
-    """The equations of Davis 2007 as they are printed, by plain iteration over rationals."""
+    """The equations of Davis 2007 as printed, by plain iteration over rationals."""
     found = []
     for m, message in enumerate(messages):
         above, at_or_above = messages[:m], messages[: m + 1]
@@ -247,7 +247,7 @@ def test_the_windows_find_what_the_textbook_equations_give(
 def longest_seen(
     messages: list[Message], offsets: list[int], delays: list[list[int]], blocker_bits: int, horizon: int
 ) -> list[int]:
-    """Run a bus in whole bit times; below all messages somebody always has a frame of `blocker_bits` to send.
+    """Run a bus in whole bit times; below all messages a node always has a frame of `blocker_bits` to send.
 
     Instances of one message are queued in their order, however late one of them is.
     """

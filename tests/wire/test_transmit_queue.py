@@ -1,4 +1,4 @@
-"""A node's own queue: the most urgent first, in order within an identifier, and never without bounds."""
+"""A node's own queue: the most urgent first, in order within an identifier, and bounded."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -80,7 +80,7 @@ def test_what_is_no_longer_of_use_does_not_leave() -> None:
     assert queue.first(0) is None
 
 
-def test_who_stands_back_lets_nothing_go_but_what_is_more_urgent_than_data() -> None:
+def test_a_queue_that_holds_data_back_sends_only_more_urgent_frames() -> None:
     queue = TransmitQueue()
     queue.stands_back_until_ns = 10
     queue.push(Frame(300, b""))

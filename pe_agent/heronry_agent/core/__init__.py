@@ -1,1 +1,1 @@
-"""All that decides in a PE: state machines without a clock, a socket, a thread, a process or a file."""
+"""All decisions of a PE: state machines without a clock, a socket, a thread, a process or a file."""

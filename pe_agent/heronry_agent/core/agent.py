@@ -1,19 +1,19 @@
 """The agent of one PE as a state machine: frames, time and answers of modules in, actions out.
 
-Its parts decide, each in its own file: which part takes a frame (`inbound`), what to obey (`command_acceptance`,
-`mastership`), what to run next (`staging`) and how to get there (`reconfiguration`), what runs (`running_modules`),
-whether it may drive what is exclusive (`output_authorization`), what to say (`condition`, `reporting`, `faults`,
-`canopen_node`), what to pass on (`gateway`, `radios`) and when (`deadlines`). This file makes the parts and sequences
-them: one event goes to one part, modules that are due are released, state frames that the parts have asked for follow,
-and what goes by radio waits for its turn. A frame that no part wants costs one look-up of its identifier; a frame with
-29 bits, a remote or an error frame reaches no part.
+Its parts decide, each in its own file: which part takes a frame (`inbound`), which commands to accept
+(`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there (`reconfiguration`), what runs
+(`running_modules`), whether exclusive outputs are authorized (`output_authorization`), what to report (`condition`,
+`reporting`, `faults`, `canopen_node`), what to pass on (`gateway`, `radios`) and when (`deadlines`). This file makes
+the parts and sequences them: one event goes to one part, modules that are due are released, state frames that the parts
+have requested follow, and frames to a radio wait for their turn. A frame that no part takes costs one look-up of its
+identifier; a frame with 29 bits, a remote or an error frame reaches no part.
 
-Whatever comes in, in whatever order, nothing here raises: bad bytes are counted (`counts`, by what and identifier) and
-change nothing. Only a driver that lets time go back gets an exception, and so does a broken invariant.
+No input raises, in whatever order it comes: bad bytes are counted (`counts`, by cause and identifier) and change
+nothing. Only a driver whose time goes back gets an exception, and a broken invariant raises one.
 
-What a PE does when it hears nobody: it goes on with what it runs, without its exclusive outputs (rule 6) and, if the
-spec's policy is `safe_mode`, without what is not critical (`without_manager`); and says in its state that it hears no
-lease. Another node with the same node-ID is noted and counted; it is the driver that refuses to start beside one.
+A PE that hears no other node goes on with its modules, without its exclusive outputs (protocol rule 6) and, if the
+spec's policy is `safe_mode`, without its expendable modules (`without_manager`); its state says that it hears no lease.
+Another node with the same node-ID is noted and counted; the driver refuses to start beside one.
 """
 
 from collections import Counter, deque
@@ -75,8 +75,8 @@ class AgentCore:
 
         incarnation: 0..255, another one than at the last start of this PE.
         missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
-        secret: the key of the fleet; with one nothing is obeyed but what was tagged with it.
-        followed: actuators of other PEs whose echoes move the world here; None: all.
+        secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
+        followed: actuators of other PEs whose echoes move the plant here; None: all.
         Raises TableError where the table contradicts itself.
         """
         turn, index = Turn(now_ns), TableIndex(table)
@@ -96,7 +96,7 @@ class AgentCore:
         if secret is not None:
             authenticity = Authenticity(turn, index, mastership, gateway, facts=facts, pending=pending, secret=secret)
         self.authenticity = authenticity
-        obedience = CommandAcceptance(
+        acceptance = CommandAcceptance(
             turn,
             index,
             mastership,
@@ -124,34 +124,34 @@ class AgentCore:
             modules=modules,
             gateway=gateway,
             authenticity=authenticity,
-            commands=obedience.handlers(),
+            commands=acceptance.handlers(),
             services=canopen.handlers(),
             followed=followed,
         )
-        output_authorization.revoked = self._inbound.discount_losses
+        output_authorization.revoked = self._inbound.withdraw_exclusive
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
-        self._due_ns: int | None = None  # the next deadline, once it has been asked for
+        self._due_ns: int | None = None  # the next deadline, once it has been computed
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
-        """What was not understood or not obeyed, by what it was and identifier (or module)."""
+        """How many frames and answers were malformed or refused, by cause and identifier (or module)."""
         return self._turn.counts
 
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that means something here now: another object whenever they have changed.
+        """Every identifier that this PE takes now: another object whenever the set has changed.
 
-        A driver may keep the frames of all others to itself.
+        The driver need not hand over frames of other identifiers.
         """
         return self._inbound.handlers
 
     @property
     def radio_ports(self) -> Collection[int]:
-        """Ports whose every frame is measured: hand over all that comes there, and tell what has `Left`."""
+        """Ports to radios: the driver hands over every frame that arrives there, and tells when a frame has `Left`."""
         return self._radios.ports.keys()
 
     def step(self, now_ns: int, event: Event) -> list[Action]:
-        """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
+        """Take one event; gives the actions to be done, in this order. Raises ValueError where `now_ns` goes back."""
         turn, inbound, radios = self._turn, self._inbound, self._radios
         out = turn.begin(now_ns)
         if type(event) is Received:
@@ -179,7 +179,7 @@ class AgentCore:
         return radios.passed(out) if radios.ports else out
 
     def next_deadline_ns(self) -> int:
-        """When to call with Tick, if nothing comes before."""
+        """Time in ns at which to call with Tick, if no event comes before."""
         due_ns = self._due_ns
         if due_ns is None:
             due_ns = self._due_ns = self._deadlines.next_ns()
@@ -197,7 +197,7 @@ class AgentCore:
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
     def _take_own(self, event: Event) -> None:
-        """Take what comes from this PE itself: time, and the answers of its modules."""
+        """Take an event of this PE itself: time, or an answer of one of its modules."""
         modules = self.modules
         match event:
             case Tick():
@@ -224,13 +224,13 @@ class AgentCore:
             self.modules.release()
 
     def _images_missing(self, event: ImagesMissing) -> None:
-        """Code that is not there: slices that name it are refused from now on."""
+        """Images are missing: slices that name one are refused from now on."""
         self.staging.reader.missing_images |= event.images
         for image in sorted(event.images):
             self._turn.note("image", f"{image} cannot be run here")
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:
-    """What is noted when the PE boots up: what it is, and whom it obeys."""
-    key = "no key: whoever can send on the bus can command it" if secret is None else f"{secret.key!r}"
+    """Texts of the notes at boot-up: which PE this is, and which key its commands need."""
+    key = "no key: any node on the bus can command this PE" if secret is None else f"{secret.key!r}"
     return f"PE {table.name} of {table.spec}, node {table.node_id}", key

@@ -1,32 +1,33 @@
-"""What a PE with a key believes: commands that were tagged by who holds it, and fresh (rule 11).
+"""Which commands a PE with a key accepts: fresh ones, tagged by a holder of the key (protocol rule 11).
 
-It stands before everything that obeys. A command is held until its TAG comes, for T_lease at most (on a busy computer
-a manager's frames come far apart); then it is handed on, with the time at
-which the command itself arrived, and where it is forwarded its TAG follows it. What was not proven is counted
+This file stands before every handler of a command. A command is held until its TAG comes, for T_lease at most (on a
+busy computer a manager's frames come far apart); then it is handed on, with the time at which the command itself
+arrived, and where it is forwarded its TAG follows it. A command that was not proven is counted
 (`command_tags.Refusal`), told in page 3 of the state, and changes nothing.
 
-A *fresh start*. After its own start a PE believes nothing, since all that it hears may be old. It says a nonce (page
-2), and a WELCOME whose tag covers that nonce gives it its place in the counting of that manager. It asks when a
-manager speaks that has not welcomed it, once in a heartbeat period; so after a restart of either side, when a standby
-takes over, and when it was left so far behind that nothing fits any more and T_lease has passed without a command. The
-answer names a term like any command, and only who reigns gives one: who reigned before is not obeyed any more.
+A *fresh start*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends
+a nonce (page 2), and a WELCOME whose tag covers that nonce tells it which numbers of that manager's commands come next.
+The PE asks when it hears a manager that has not welcomed it, once in a heartbeat period: after a restart of either
+side, after a takeover by the standby manager, and when it has missed so many commands that no number fits any more and
+T_lease has passed without an accepted command. The WELCOME names a term like any command, and only the active manager
+sends one: from then on commands of the previous manager are refused.
 
-A *session*. The same WELCOME says under which number the states of this PE are tagged from now on: the manager chose
-it, in this term, and chooses no number twice. A manager of a new term has no session here until it has welcomed this
-PE. Pages 0 and 1 on the uplink carry the tag; other ports, and a PE without a session, say 0.
+A *session*. The same WELCOME gives the number under which the states of this PE are tagged from now on: the manager
+chose the number, in this term, and chooses no number twice. A manager of a new term has no session here until it has
+welcomed this PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
 
-An *EMCY* is proven by the next page 0: its tag covers one that is pending, in turn where there are several. Page 0
-goes out at once when that changes, so this costs no time.
+An *EMCY* is proven by the next page 0: the tag of the page covers one pending EMCY, in turn where there are several.
+Page 0 goes out immediately when that changes, so this costs no time.
 
-A *lock*. NMT can do nothing here, and SDO write nothing, until UNLOCK names this PE, and not for longer than it says.
-Who sends SDO requests cannot be told on the bus: the manager that reigns opens the lock and closes it, and a table has
-to be sealed besides (`opened`).
+A *lock*. NMT commands are refused, and SDO downloads as well, until UNLOCK names this PE, and for no longer than UNLOCK
+says. The bus does not show which node sends an SDO request: the active manager opens the lock and closes it, and a
+table has to be sealed besides (`opened`).
 
-Lost: a page 2, a WELCOME or its TAG is asked for again with the next command. Late: a nonce serves for T_lease, a
-WELCOME that comes later answers nobody. Doubled: a WELCOME is not above its own number. Forged: counted. After a
+Lost: after a lost page 2, WELCOME or TAG the PE asks again with the next command. Late: a nonce serves for T_lease, a
+WELCOME that comes later proves nothing. Doubled: a WELCOME is not above its own number. Forged: counted. After a
 restart all of this begins anew, with nonces that come from another salt.
 
-A WELCOME of another node cannot be judged here. A gateway hands it on to where that node is, with the TAG that follows.
+A WELCOME for another node cannot be verified here. A gateway passes it on toward that node, with the TAG that follows.
 """
 
 from collections import Counter
@@ -59,14 +60,14 @@ Handler = Callable[[Received], None]
 
 @dataclass(frozen=True, slots=True)
 class Secret:
-    """What the driver gives a keyed PE: `salt` is another one at every start, for nonces that nobody can tell."""
+    """What the driver gives a PE with a key: `salt` differs at every start, so that nonces cannot be predicted."""
 
     key: Key
     salt: bytes
 
 
 class Authenticity:
-    """The key of one PE, and what has been proven with it."""
+    """Verifies the commands to one PE with its key, and tags the states of that PE."""
 
     def __init__(
         self,
@@ -87,25 +88,25 @@ class Authenticity:
         self._states = StateSeal(index.node, secret.key, mastership, pending)
         self._nonces = Nonces(secret.salt, index.lease_ns, turn.now_ns)
         self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
-        self._asked_ns: int | None = None
-        self._believed_ns = turn.now_ns  # when a command was last believed
+        self._requested_ns: int | None = None
+        self._believed_ns = turn.now_ns  # when a command was last accepted
         self._beats = 0
         self._open_until_ns = turn.now_ns
 
     @property
     def refused(self) -> Counter[Refusal]:
-        """What has been refused so far."""
+        """Number of refused commands so far, by reason."""
         return self._verifier.refused
 
     @property
     def is_open(self) -> bool:
-        """Tell whether NMT and SDO may do something."""
+        """Tell whether the lock is open for NMT commands and SDO downloads."""
         return self._turn.now_ns < self._open_until_ns
 
     # Commands
 
     def guarded(self, handlers: Iterable[tuple[int, Handler]]) -> Iterator[tuple[int, Handler]]:
-        """Stand before the handlers of all commands."""
+        """Give handlers that verify each command before they call these."""
         for identifier, handler in handlers:
             _, manager, command = classify(identifier)
             assert manager is not None
@@ -116,7 +117,7 @@ class Authenticity:
             yield management_id(manager, Command.TAG), partial(self._tagged, manager)
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """A command has come: without its TAG it is nothing yet."""
+        """Hold a command until its TAG comes; pass on a WELCOME for a node beyond."""
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
@@ -130,7 +131,7 @@ class Authenticity:
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:
-        """The reigning manager has said something about this PE's session or lock."""
+        """Execute RENEW or UNLOCK of the active manager: end the session, or open or close the lock."""
         if order.operation is Operation.RENEW:
             self._states.end_session()
         else:
@@ -154,10 +155,10 @@ class Authenticity:
             turn.count(found.value, tag.can_id)
             is_lost = found is Refusal.UNPROVEN and turn.now_ns - self._believed_ns > self._index.lease_ns
             if is_lost or found is Refusal.UNKNOWN:
-                self._ask()
+                self._request_welcome()
 
     def _believe(self, manager: int, found: Held, tag: Frame) -> None:
-        """Let a command be obeyed; where it is forwarded, its TAG is too."""
+        """Hand a proven command to its handler; where it is forwarded, its TAG follows."""
         turn, event = self._turn, found.event
         self._believed_ns = turn.now_ns
         if found.command is Command.CONTROL and is_welcome(event.frame.data):
@@ -170,33 +171,33 @@ class Authenticity:
             if isinstance(action, Send) and action.frame is event.frame:
                 turn.out.append(Send(action.port, tag))
         if self._mastership.manager == manager and self._states.session is None:
-            self._ask()
+            self._request_welcome()
 
-    # What is said of it
+    # State pages
 
-    def _ask(self) -> None:
-        """Say a nonce, unless one was said within this period."""
+    def _request_welcome(self) -> None:
+        """Ask for a fresh start: send a nonce, unless one was sent within this period."""
         turn = self._turn
-        if self._asked_ns is not None and turn.now_ns - self._asked_ns < self._period_ns:
+        if self._requested_ns is not None and turn.now_ns - self._requested_ns < self._period_ns:
             return
-        self._asked_ns = turn.now_ns
+        self._requested_ns = turn.now_ns
         facts = self._facts()
         turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Tag of a page on the uplink: `beat` counts pages 0, of a page 1 it is None."""
+        """Tag of a page on the uplink; `beat` counts pages 0, and is None for a page 1."""
         return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
-        """A period is over: say the first nonce, and now and then what runs and what was refused."""
+        """A heartbeat period is over: send the first nonce, and every STATE_PAGE_1_EVERY periods page 3."""
         self._beats += 1
-        if self._asked_ns is None:
-            self._ask()
+        if self._requested_ns is None:
+            self._request_welcome()
         if self._beats % STATE_PAGE_1_EVERY == 0:
             self._tell()
 
     def _tell(self) -> None:
-        """Say what runs, for the tag leaves no room to, and what has been refused."""
+        """Send page 3: the digest of what runs (a tagged page 0 has no room for it), and counts of refused commands."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
         other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of these

@@ -1,23 +1,23 @@
-"""What a PE is to tools of other people: a CANopen node (CiA 301) that CANaerospace tools can ask, too.
+"""What a PE is to tools of other makers: a CANopen node (CiA 301) that also answers CANaerospace node services.
 
 Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_management`), SDO (`sdo_server`, with
-`object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file takes their frames to them
-and hands on what they say. Nothing of it is needed to fly: what a PE runs is decided elsewhere, and goes on whatever
-happens here.
+`object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file hands them their frames and
+sends their answers. Nothing of it is needed to fly: other parts decide what a PE runs, and no failure here stops that.
 
 SDO and NMT are heard on the uplink alone, as all commands are. With a key, NMT commands and writing by SDO wait for an
 UNLOCK (`authenticity`); a transfer that began before it ran out comes to its end.
 
-SDO outranks some of the data, so it is held back. While this PE runs nothing, an upload by block takes half of the bus;
-once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn: a few,
-since some need no answer and the next follows at once. What more comes of a client that does not wait is dropped.
+SDO has a higher priority than some of the data, so its rate is limited. While this PE runs nothing, an upload by block
+takes half of the bus; once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits
+here for its turn: a few may wait, since some need no answer and the next one follows immediately. Further requests of a
+client that does not wait are dropped.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from heronry_agent.core.network_management import Heeded, NetworkManagement
+from heronry_agent.core.network_management import NetworkManagement, NmtOutcome
 from heronry_agent.core.node_services import NodeServices
 from heronry_agent.core.object_dictionary import Locked
 from heronry_agent.core.pe_objects import Parts, PeObjects
@@ -60,15 +60,15 @@ class CanopenNode:
         return self._network.booted
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
-        """Give what takes the frames of each identifier."""
+        """Give the handler of each identifier of these services."""
         yield NMT_ID, partial(self._take, self._nmt)
         yield sdo_request_id(self._index.node), partial(self._take, self._request)
-        yield REQUEST_ID, partial(self._take, self._asked)
+        yield REQUEST_ID, partial(self._take, self._node_service)
 
     def tick(self) -> None:
-        """Say what is due."""
+        """Send the heartbeat, answers and SDO segments that are due."""
         turn = self._turn
-        turn.out += self._network.tick(turn.now_ns, configured=self._configured(), led=self._led())
+        turn.out += self._network.tick(turn.now_ns, configured=self._configured(), managed=self._is_managed())
         answers, says_state = self._services.tick(turn.now_ns)
         turn.out += answers
         turn.wants_page_0 |= says_state
@@ -90,7 +90,7 @@ class CanopenNode:
     def _configured(self) -> bool:
         return self._reconfiguration.running.epoch != NO_EPOCH
 
-    def _led(self) -> bool:
+    def _is_managed(self) -> bool:
         """Tell whether a manager is heard that has not unlocked this PE."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
         return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
@@ -104,16 +104,16 @@ class CanopenNode:
         if self._locked():
             self._turn.count("NMT command without an UNLOCK", NMT_ID)
             return
-        heeded = self._network.command(
-            event.frame.data, self._turn.now_ns, configured=self._configured(), led=self._led()
+        outcome = self._network.command(
+            event.frame.data, self._turn.now_ns, configured=self._configured(), managed=self._is_managed()
         )
-        if heeded is Heeded.MALFORMED:
+        if outcome is NmtOutcome.MALFORMED:
             self._turn.count("malformed NMT command", NMT_ID)
-        elif heeded is Heeded.REFUSED:
-            self._turn.count("NMT command while a manager counts on this PE", NMT_ID)
-        elif heeded is not Heeded.NOT_MINE:
-            self._turn.note("nmt", f"NMT command {code_of(event.frame.data)} is obeyed: nothing runs here")
-            if heeded is Heeded.RESET:
+        elif outcome is NmtOutcome.REFUSED:
+            self._turn.count("NMT command while this PE is configured or hears a manager", NMT_ID)
+        elif outcome is not NmtOutcome.NOT_MINE:
+            self._turn.note("nmt", f"NMT command {code_of(event.frame.data)} is executed: this PE runs nothing")
+            if outcome is NmtOutcome.RESET:
                 self._sdo.reset()
                 self._held.clear()
                 self._modules.faults.history.clear()
@@ -121,7 +121,7 @@ class CanopenNode:
     def _request(self, event: Received) -> None:
         if self._is_from_beyond(event):
             return
-        if self._network.state(configured=self._configured(), led=self._led()) is NmtState.STOPPED:
+        if self._network.state(configured=self._configured(), managed=self._is_managed()) is NmtState.STOPPED:
             self._sdo.reset()
         elif len(event.frame.data) != MESSAGE_BYTES:
             self._turn.count("malformed SDO request", event.frame.can_id)
@@ -133,15 +133,15 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer a request, and keep the time after it free: twice, since the request took the bus as well."""
+        """Answer a request and leave the bus free after it: twice the pause, since the request took the bus as well."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns
         self._say(self._sdo.request(request, self._turn.now_ns))
 
-    def _asked(self, event: Received) -> None:
-        """A CANaerospace node service, on whatever port."""
-        said = self._services.asked(event.port, event.frame, self._turn.now_ns)
+    def _node_service(self, event: Received) -> None:
+        """Answer a CANaerospace node service, on the port on which it came."""
+        said = self._services.take(event.port, event.frame, self._turn.now_ns)
         if isinstance(said, Malformed):
             self._turn.count("malformed node service", event.frame.can_id)
         else:

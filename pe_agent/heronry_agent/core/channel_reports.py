@@ -1,13 +1,14 @@
-"""What this PE tells of the channels of its replicated buses: which one carries nothing here (protocol rule 8).
+"""What this PE reports of the channels of its replicated buses: which one carries nothing here (protocol rule 8).
 
-The driver compares the channels (`ChannelsLost`); here it is told to the manager, as EMCY:
+The driver compares the channels (`ChannelsLost`); this file reports the result to the manager, as EMCY:
 
-    lost    CHANNEL_LOST at once, and again every second for as long as it lasts
+    lost    CHANNEL_LOST immediately, and again every second for as long as it lasts
     back    CHANNEL_BACK, once
 
-Nothing is acknowledged: a manager takes for well what has not been told for a while. So a lost report costs a second, a
-lost end of it three, a manager that restarts or takes over knows within one, and a PE that dies accuses nobody any
-more. It is a report: no plan changes for it, since the bus is there.
+These reports are not acknowledged: the manager takes a channel for well when it has not been reported for a while. So a
+lost CHANNEL_LOST costs one second and a lost CHANNEL_BACK three, a manager that restarts or takes over knows within one
+second, and the reports of a PE that dies expire. No plan changes for such a report, since the bus itself still carries
+frames.
 """
 
 from heronry_agent.core.table_index import TableIndex
@@ -31,7 +32,7 @@ class ChannelReports:
         self._lost: set[tuple[int, int]] = set()  # port, channel
 
     def told(self, port: int, lost: frozenset[int]) -> None:
-        """The driver says which channels of a port are lost: note it, and tell the manager what is new."""
+        """Take from the driver which channels of a port are lost: note it, and report changes to the manager."""
         self._note(self._index.table.ports[port].bus, lost)
         now_lost = {(port, channel) for channel in lost}
         back = sorted(one for one in self._lost - now_lost if one[0] == port)
@@ -45,7 +46,7 @@ class ChannelReports:
             self._say(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one)
 
     def tick(self) -> None:
-        """Tell of what is still lost."""
+        """Report again each channel that is still lost."""
         self.next_ns = self._turn.now_ns + CHANNEL_REPORT_NS
         for one in sorted(self._lost):
             self._say(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one)

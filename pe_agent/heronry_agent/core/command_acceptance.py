@@ -1,15 +1,16 @@
-"""What a PE does with the commands of a manager: whether they count, and which part they are for.
+"""What a PE does with the commands of a manager: whether it accepts them, and which part executes them.
 
-A command counts when it comes from the uplink (nobody commands from beyond a gateway) and from the manager that reigns.
-SLICE carries no term: it counts when it comes from that manager. What counts is obeyed and then passed on to the far
-buses; what does not is counted, and a deposed manager is told STALE_TERM once, in page 1.
+A PE accepts a command that comes from the uplink (no node beyond a gateway can command) and from the active manager,
+which is that of the highest term. SLICE carries no term: the PE accepts it from that manager's node. An accepted
+command is executed and then passed on to the far buses. A refused one is counted, and the PE reports STALE_TERM to a
+deposed manager once, in page 1.
 
-LEASE and ALIVE come every heartbeat period and mostly say nothing new, so they have a short way of their own.
+LEASE and ALIVE come every heartbeat period and mostly repeat the last one, so they have a short way of their own.
 
-What if: a command that is lost is repeated by LEASE or by the manager's retry; a late or doubled one finds its step
-taken, its epoch old or its slice staged, and changes nothing. After a pause commands are taken in the order in which
-they came, and each counts from when it came. With a key, `authenticity` stands before this file; without one a forged
-command is a command.
+Lost: LEASE or the manager's retry repeats the command. Late or doubled: its step is already taken, its epoch old or its
+slice staged, and it changes nothing. After a pause of the process commands are taken in the order in which they
+arrived, each with its time of arrival. Forged: with a key, `authenticity` stands before this file; without one the PE
+executes a forged command.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,7 +54,7 @@ _BROADCAST = 0
 
 @dataclass
 class CommandAcceptance:
-    """Takes the frames of managers, and moves the parts that they command."""
+    """Takes the frames of managers, and has the other parts execute the commands."""
 
     turn: Turn
     index: TableIndex
@@ -65,11 +66,11 @@ class CommandAcceptance:
     gateway: Gateway
     without_manager: WithoutManager
     authenticity: Authenticity | None
-    _settled_lease: bytes | None = None  # of the reigning manager, with nothing in it that has not been done
-    _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
+    _settled_lease: bytes | None = None  # last LEASE of the active manager, if all that it says has been done
+    _sends: Slice = field(default_factory=Slice)  # published and forwarded now: at BREAK less than the slice says
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
-        """Give what takes the frames of each management identifier."""
+        """Give the handler of each management identifier."""
         for manager in MANAGER_NODES:
             yield management_id(manager, Command.LEASE), partial(self._lease, manager)
             yield management_id(manager, Command.ALIVE), partial(self._alive, manager)
@@ -77,7 +78,7 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether a command counts."""
+        """Tell whether a command is accepted; count, note or report what follows from its term."""
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -85,7 +86,7 @@ class CommandAcceptance:
         if self.mastership.admits(manager, term):
             if term != before:
                 self._settled_lease = None
-                self.turn.note("term", f"manager {manager} reigns with term {term}")
+                self.turn.note("term", f"manager {manager} is active with term {term}")
                 if before != NO_TERM:
                     self.modules.new_mastership()
             return True
@@ -96,7 +97,7 @@ class CommandAcceptance:
         return False
 
     def _lease(self, manager: int, event: Received) -> None:
-        """LEASE: the manager reigns, and everybody should be at this step."""
+        """LEASE: the manager is active, and every PE should be at this step of this epoch."""
         data = event.frame.data
         settled = data == self._settled_lease and not self.reconfiguration.resting
         if settled and manager == self.mastership.manager and event.port == self.index.uplink:
@@ -119,13 +120,13 @@ class CommandAcceptance:
         self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
 
     def _alive(self, manager: int, event: Received) -> None:
-        """ALIVE: whom the manager counts on (rule 6)."""
+        """ALIVE: which PEs the manager has available (protocol rule 6)."""
         frame = event.frame
         read = read_alive(frame.data, self.index.node)
         if read is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, read[0], event):
-            self.output_authorization.named(read[1], self.turn.arrived_ns, by_who_knows=self.mastership.has_activated)
+            self.output_authorization.named(read[1], self.turn.arrived_ns, has_activated=self.mastership.has_activated)
             meaning = without_sequence(frame.data)
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 
@@ -154,7 +155,7 @@ class CommandAcceptance:
                 self._take(message)
             case Ping() if message.node in (_BROADCAST, self.index.node):
                 if message.node == self.index.node:
-                    self.output_authorization.asked(turn.arrived_ns)
+                    self.output_authorization.pinged(turn.arrived_ns)
                 turn.wants_page_0 = turn.wants_page_1 = True
             case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
@@ -164,17 +165,17 @@ class CommandAcceptance:
                 if self.authenticity is not None:
                     self.authenticity.accept(message)
             case _:
-                pass  # for somebody else, or nothing to be obeyed
+                pass  # for another node, or without effect on a PE
 
     def _prepare(self, command: Prepare) -> None:
-        """Stage an epoch. One that is on board runs everywhere within two answers: until then data stand back."""
+        """Stage an epoch. If it is on board, every PE runs it within two answers: data are held back until then."""
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
         if self.staging.staged is not before and self.staging.staged.epoch == command.epoch:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""
+        """Take this step of a configuration that is running or staged here; otherwise note that the PE is overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
         self.mastership.has_activated |= order.step is Step.GO_ALL
@@ -204,12 +205,12 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Take back the data that this PE has not sent yet and no longer is the one to send, or of another producer."""
+        """Withdraw unsent data frames whose source this PE no longer sends, or sends from another producer."""
         made_by, wanted_of = _producers(before), _producers(after)
         gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))
 
 
 def _producers(sends: Slice) -> dict[int, int | None]:
-    """Give whose each source is that a PE sends; None: its own."""
+    """Give the producing node of each source that a PE sends; None: this PE."""
     return dict.fromkeys(sends.publish) | {source: node for source, (node, _) in sends.forward.items()}

@@ -1,10 +1,10 @@
-"""What the state frames of a PE tell, and which of them go out before their turn.
+"""What the state frames of a PE report, and which of them go out before their turn.
 
-`Condition` reads it from the parts when it is asked. A change that nobody commanded is noted on the way: that a manager
+`Condition` reads the facts from the parts on demand. On the way it notes changes that no command caused: that a manager
 is heard or not, that exclusive outputs are free or held back.
 
-`StateReports` says it: in its turn (`reporting`), and at once where a part has asked the turn for a page. With a key a
-page 0 goes out at once also where an EMCY was said, since it proves what that has said.
+`StateReports` sends them: in their turn (`reporting`), and immediately where a part has requested a page in this turn.
+With a key a page 0 also goes out immediately after an EMCY, since its tag proves the EMCY.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from heronry_wire.state_frames import PeFlags
 
 @dataclass
 class Condition:
-    """How one PE is."""
+    """Facts about one PE for its state frames, read from its parts."""
 
     turn: Turn
     index: TableIndex
@@ -36,7 +36,7 @@ class Condition:
     _is_held: bool = False  # the same, of exclusive outputs
 
     def facts(self) -> Facts:
-        """What the state frames tell now."""
+        """Give what the state frames report now; note what has changed without a command."""
         now_ns = self.turn.now_ns
         hears_lease = self.mastership.hears_lease(now_ns)
         held = self.modules.has_exclusive_output and not self.output_authorization.allows(now_ns)
@@ -84,13 +84,13 @@ class StateReports:
         return self.reporting.next_ns
 
     def tick(self) -> None:
-        """Say what is due."""
+        """Send the state frames that are due."""
         self.turn.out += self.reporting.tick(self.turn.now_ns, self.condition.facts())
         if self.authenticity is not None:
             self.authenticity.beat()
 
     def immediate(self) -> None:
-        """Say what this turn has changed."""
+        """Send the pages that the parts have requested in this turn."""
         turn = self.turn
         if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
             self._proven_changes = self.modules.faults.changes

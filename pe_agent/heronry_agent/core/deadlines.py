@@ -1,4 +1,4 @@
-"""The parts of an agent that act when their time has come, in the order in which they act then."""
+"""The deadlines of the parts of an agent, and the order in which the parts are called when several are due."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from heronry_agent.core.without_manager import WithoutManager
 class Deadlines:
     """Deadlines of one PE, but for the steps of its modules, which follow every event, and for its radios.
 
-    start_notes: what is noted when the PE boots up.
+    start_notes: texts to note when the PE boots up.
     """
 
     turn: Turn
@@ -28,7 +28,7 @@ class Deadlines:
     start_notes: tuple[str, ...]
 
     def next_ns(self) -> int:
-        """When to call `tick`, or to release modules, if nothing comes before."""
+        """Time in ns at which to call `tick`, or to release modules, if no event comes before."""
         due_ns = min(self.state_reports.next_ns, self.modules.next_ns)
         due_ns = min(due_ns, self.modules.faults.next_ns)
         due_ns = min(due_ns, self.staging.ask_ns)
@@ -37,7 +37,7 @@ class Deadlines:
         return min(due_ns, self.channels.next_ns)
 
     def tick(self) -> None:
-        """Let every part act whose time has come."""
+        """Call every part that is due."""
         turn = self.turn
         now_ns = turn.now_ns
         if self.staging.tick(now_ns):

@@ -1,8 +1,8 @@
-"""The errors that a PE has told, newest first: object 1003h of CANopen (CiA 301, 7.5.2.4).
+"""The errors that a PE has reported, newest first: object 1003h of CANopen (CiA 301, 7.5.2.4).
 
-One number for each EMCY that told something new, not for its repetitions: its code in bits 15..0, the index of the
-element in bits 27..16 and its kind in bits 31..28. What does not fit any more is forgotten, and so is everything when a
-client writes 0 to its number of errors, and with a restart.
+The history holds one number for each new EMCY, none for its repetitions: its code in bits 15..0, the index of the
+element in bits 27..16 and its kind in bits 31..28. The oldest error is dropped when there is no room. A client that
+writes 0 to the number of errors empties the history, and so does a restart.
 """
 
 from collections import deque
@@ -21,13 +21,13 @@ class ErrorHistory:
 
     @property
     def errors(self) -> tuple[int, ...]:
-        """All of them, newest first."""
+        """All errors in the history, newest first."""
         return tuple(self._errors)
 
     def add(self, code: FaultCode, kind: ElementKind, index: int) -> None:
-        """Something new was told."""
+        """Add an error that was reported for the first time."""
         self._errors.appendleft(kind << 28 | min(index, _LARGEST_INDEX) << 16 | code)
 
     def clear(self) -> None:
-        """Forget them."""
+        """Empty the history."""
         self._errors.clear()

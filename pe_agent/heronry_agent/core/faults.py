@@ -1,28 +1,32 @@
-"""What this PE has to tell its manager until it was heard: faults found here, and requests for a phase (rule 8).
+"""What this PE reports until the manager acknowledges it: faults, and requests for a phase (protocol rule 8).
 
-All of it goes out as EMCY. A message is *pending* from the moment of its cause until CONTROL acknowledges it; while it
-is pending it is sent once in a heartbeat period, and the same cause adds nothing.
+All of this goes out as EMCY. A message is *pending* from the moment of its cause until CONTROL acknowledges it; while
+it is pending it is sent once in a heartbeat period, and the same cause adds nothing.
 
     fault           pending until its element is acknowledged. One that is still being reported after that, by a monitor
                     that runs 40 times a second, stays quiet for a second and is then pending again: the manager may
-                    have healed the element in the meantime. What has been told of an element stays told until CONTROL
-                    clears it; then it is told anew as soon as it is found, and an EMCY with code 0 takes it back.
-    phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
-                    that an answer to an older request ends nothing. Made again it has the same one: who knows of it
-                    has obeyed it
+                    have cleared the element in the meantime. A fault that was reported stays on record until CONTROL
+                    clears it; then an EMCY with code 0 ends the report, and the fault is reported anew as soon as it is
+                    found.
+    phase request   one at most: a newer one takes its place. The manager acknowledges its number, in the detail, so
+                    that an answer to an older request ends nothing. A repeated request keeps its number: a manager
+                    that knows the number has already executed it
 
-A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
-it may have been given up since, and that has to be heard, too. What stays told is told again to every new reign, since
-the one before may have acknowledged it, and died before anybody else knew. But where this PE has heard nobody for a
-while since it was acknowledged (`tell_all_again`), it may have missed that it was cleared, and keeps it to itself,
-unless that is a module which it would run (`tell_again`).
+A restart of a module is reported the same way, but does not stay on record, and is acknowledged separately from a fault
+of the same module: the module may have been given up since, and the manager must learn that, too. A fault on record is
+reported again to every new active manager, since the previous one may have acknowledged it and died before the standby
+manager knew. But if this PE has heard no other node for a while since the acknowledgement (`tell_all_again`), it may
+have missed the CLEAR, and does not report the fault again, unless it is that of a module which it would run
+(`tell_again`).
 
-A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
-EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
+A fault of an element that may serve a function of class A is flight-critical: a CANaerospace emergency event goes out
+with every EMCY. The event carries code, kind and index: kind and index in one signed byte each, and -1 where a number
+does not fit.
 
-Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet, and the next reign is told once
-more what stayed told here: then it has to be cleared again. Late or doubled, nothing. After a pause what is due is sent
-once. Forged: an acknowledgement silences a fault for a second. A restart forgets everything, and so does nobody else.
+Lost: an EMCY or an acknowledgement costs a repetition. A lost CLEAR costs a second of quiet, and the fault is reported
+once more to the next active manager: then the operator has to clear it again. Late or doubled frames change nothing.
+After a pause each message that is due is sent once. Forged: an acknowledgement silences a fault for a second. A restart
+empties this record; the manager keeps its own.
 """
 
 from collections.abc import Collection
@@ -50,18 +54,18 @@ class Faults:
         self._node, self._emcy_id = node, emcy_id(node)
         self._period_ns = period_ns
         self._critical = frozenset(critical)
-        self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
+        self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and the message
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when found, or heard
+        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when found or acknowledged
         self._requests = self._events = 0
-        self._request: Emergency | None = None  # the last one, if it stands
-        self.changes = 0  # how often something became pending, or was no more
+        self._request: Emergency | None = None  # the last request, unless it was withdrawn
+        self.changes = 0  # how often a message has become pending or ceased to be
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
 
     @property
     def pending(self) -> bool:
-        """Tell whether something waits for its acknowledgement."""
+        """Tell whether some message waits for its acknowledgement."""
         return bool(self._pending)
 
     @property
@@ -75,11 +79,11 @@ class Faults:
 
     @property
     def register(self) -> int:
-        """Error register of CANopen: whether some fault was told and not cleared."""
+        """Error register of CANopen: not 0 while some fault is reported and not cleared."""
         return _ERROR_REGISTER if self._told else _NO_ERROR
 
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
-        """A fault was found: what to send now; nothing while it is pending or quiet."""
+        """Record a fault; gives the frames to send now, none while the fault is pending or quiet."""
         key = (code, kind, index)
         if key in self._pending:
             return []
@@ -92,17 +96,17 @@ class Faults:
         return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
-        """Somebody else has to know what was told of an element, if it still stands: what to send now."""
+        """Report the fault of an element once more, if it is not cleared; gives the frames to send now."""
         told = self._told.get((kind, index))
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Somebody else has to know what was found or heard of since a time, and still stands: what to send now."""
+        """Report again what was found or acknowledged since a time and is not cleared; gives the frames to send now."""
         told = [emergency for emergency, at_ns in self._told.values() if at_ns >= since_ns]
         return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
-        """A phase is asked for: what to send now. The request before it, if it still waits, is given up."""
+        """Request a phase; gives the frames to send now. A request that still waits is withdrawn."""
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS
         detail = self._requests | (FORWARD_ONLY if forward_only else 0)
@@ -110,18 +114,18 @@ class Faults:
         return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Somebody else has to know what was asked for last, if that stands: what to send now. It only leads on now."""
+        """Send the last request again unless withdrawn, with FORWARD_ONLY set; gives the frames to send now."""
         if self._request is None:
             return []
         return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
 
     def withdraw_request(self) -> None:
-        """Ask for no phase any more."""
+        """Withdraw the request for a phase, pending or not."""
         self._request = None
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
-        """The manager has heard a fault of an element, a restart or a request; tells whether that was pending."""
+        """Take an acknowledgement of a fault, a restart or a request; tells whether that was pending."""
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + FAULT_QUIET_NS
@@ -131,7 +135,7 @@ class Faults:
         return bool(heard)
 
     def clear(self, kind: int, index: int) -> list[Frame]:
-        """The operator takes an element for well: what to send now."""
+        """Clear the faults of an element, as the operator commanded; gives the frames to send now."""
         self._drop([key for key in self._pending if key[1:] == (kind, index)])
         self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
         told = self._told.pop((kind, index), None)
@@ -141,12 +145,12 @@ class Faults:
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
-        """Repeat what has not been acknowledged."""
+        """Give the frames of messages that are due again without an acknowledgement."""
         due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
     def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
-        """Send this now, and again in a period."""
+        """Give the frames of a message now, and make it due again in a period."""
         key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)

@@ -1,22 +1,23 @@
-"""A PE on several buses carries between them what must pass, and nothing else (rule 9).
+"""A PE on several buses forwards between them what must pass, and nothing else (protocol rule 9).
 
-    down, from the uplink   commands that this PE obeys itself. LEASE and ALIVE at once when they say something new,
-                            else once in the heartbeat period of the far bus; SLICE only toward its node
-    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and what
-                            gateways there report
-    data                    what the slice says: a source, from the node it names, to the ports it names. Where its
-                            module may also run on this side, sending it up is an exclusive output of this PE (rule 6):
-                            who counts it as down counts all beyond as down, and may have started that module here
+    down, from the uplink   commands that this PE accepts itself. LEASE and ALIVE immediately when their content is
+                            new, else once in the heartbeat period of the far bus; SLICE only toward its node
+    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
+                            reports of gateways there
+    data                    as the slice says: a source, from the node it names, to the ports it names. Where its
+                            module may also run on this side, sending it up is an exclusive output of this PE (protocol
+                            rule 6): a manager that takes this PE for down takes all nodes beyond it for down, and may
+                            have started that module on this side
 
-What goes to a radio away from the manager goes through `radio_port`, which knows its bandwidth.
+Frames to a radio away from the manager go through `radio_port`, which knows its bandwidth.
 
 The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
 has a gateway that forwards nothing.
 
-Lost: what was not forwarded comes again with the next LEASE or retry. Late, doubled, out of order: as it came; whoever
-reads a command, a state or a datum knows what is old. After a pause what waited is handed on at once, but for what is
-exclusive. A restart forwards nothing but states and commands until it is given a slice. A forged frame passes as a true
-one would.
+Lost: what was not forwarded comes again with the next LEASE or retry. Late, doubled, out of order: frames pass as they
+came; the receiver of a command, a state or a datum recognizes what is old. After a pause the frames that waited pass
+immediately, except exclusive ones. After a restart the gateway forwards only states and commands until it has a slice.
+A forged frame passes as a true one would.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +40,7 @@ from heronry_wire.sansio import Send
 
 
 class Gateway:
-    """What to forward from each port."""
+    """Decides which frames to forward from each port, and where to."""
 
     def __init__(self, index: TableIndex) -> None:
         self._uplink = index.uplink
@@ -51,11 +52,11 @@ class Gateway:
         }
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
-        ] = {}  # what was said last on a far port, and when it is due again
+        ] = {}  # what was last sent on a far port, and when it is due again
         self._table = index.table
         self._contested = index.contested
         self._data: dict[int, tuple[int, int]] = {}
-        self.contested_ids: frozenset[int] = frozenset()  # identifiers that are exclusive here, of what is forwarded up
+        self.contested_ids: frozenset[int] = frozenset()  # identifiers forwarded up that are exclusive here
 
     @property
     def rising_ids(self) -> set[int]:
@@ -63,7 +64,7 @@ class Gateway:
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
-        """Follow a new slice."""
+        """Forward the data that a new slice names: by source the producing node and a mask of ports."""
         sources = self._table.sources
         self._data = {sources[source].identifier: entry for source, entry in forward.items()}
         up = 1 << self._uplink
@@ -72,7 +73,7 @@ class Gateway:
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
-        """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
+        """Forward a command that was accepted; `meaning` are its bytes without those that always change."""
         if command is Command.SLICE:
             return self.toward(slice_node(frame.data), frame)
         if command not in (Command.LEASE, Command.ALIVE):
@@ -80,11 +81,11 @@ class Gateway:
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
 
     def toward(self, node: int, frame: Frame) -> list[Send]:
-        """Forward what concerns one node beyond, and only to where it is."""
+        """Forward a frame for one node beyond, only on the port that leads to the node."""
         return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
-        """Forward what a node beyond says of itself."""
+        """Forward a frame in which a node beyond reports on itself."""
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:

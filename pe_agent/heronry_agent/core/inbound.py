@@ -2,11 +2,11 @@
 
 Handlers are of two kinds. *Fixed* ones take state frames and echoes of other PEs, commands (behind `authenticity` where
 the PE has a key), the CANopen services, and what comes from beyond a gateway. Those of *data* depend on what the
-configuration has this PE read or forward, and are found anew with each step of it (`rewire`). A later kind takes the
+configuration has this PE read or forward, and are made anew with each of its steps (`rewire`). A later kind takes the
 place of an earlier one where two want an identifier; this node's own identifiers come last, since a frame under one of
 them is another node with its node-ID.
 
-*Quiet* are the identifiers whose frames move no deadline and no state frame: most of all that comes.
+*Quiet* are the identifiers whose frames change no deadline and cause no state frame: most frames are of this kind.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -33,7 +33,7 @@ _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 
 
 class Inbound:
-    """The frames that one PE takes in."""
+    """Hands each received frame to the part of one PE that takes it."""
 
     def __init__(
         self,
@@ -49,10 +49,11 @@ class Inbound:
         services: Iterable[tuple[int, Handler]],
         followed: Collection[str] | None,
     ) -> None:
-        """Take no data yet.
+        """Make the fixed handlers; those of data follow with the first `rewire`.
 
-        commands: what takes the frames of managers; services: those of CANopen, both by identifier.
-        followed: actuators of other PEs whose echoes move the world here; None: all.
+        commands: handlers of the frames of managers; services: handlers of CANopen and node services; both by
+        identifier.
+        followed: actuators of other PEs whose echoes move the plant here; None: all.
         """
         self._turn, self._index = turn, index
         self._output_authorization, self._reconfiguration, self._modules = (
@@ -63,19 +64,19 @@ class Inbound:
         self._gateway, self._authenticity = gateway, authenticity
         self.late_ns = slack_ns(
             index.table.ports[index.uplink].heartbeat_ns
-        )  # a frame that is, was not taken when it came
+        )  # a frame older than this waited while the process did not run
         self._clash_is_noted = False
         self._fixed = self._fixed_handlers(commands, services, followed)
         self.handlers = self._fixed  # by identifier; another object whenever they have changed
         self.quiet = self._quiet_ids()
 
     def rewire(self) -> None:
-        """Take the data that the configuration of now has this PE read or forward, and no others."""
+        """Make handlers for the data that the present configuration has this PE read or forward, and for no others."""
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
-    def discount_losses(self) -> None:
-        """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
+    def withdraw_exclusive(self) -> None:
+        """Withdraw the exclusive frames that wait to be sent: another PE may send under their identifiers by now."""
         self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
 
     def _fixed_handlers(
@@ -120,7 +121,10 @@ class Inbound:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Until when what is exclusive may go up; not at all what came while nobody ran: its news may be behind it."""
+        """Until when an exclusive frame may go up; None for one that came while this process stood still.
+
+        A command that revokes it may wait behind that frame.
+        """
         turn = self._turn
         return (
             None if turn.arrived_ns <= turn.held_until_ns else self._output_authorization.identifiers_until_ns(now_ns)
@@ -130,7 +134,7 @@ class Inbound:
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _state(self, event: Received) -> None:
-        """Another PE lives, and may show that we have been overtaken. Only the epoch of page 0 is read: this is hot."""
+        """Take a state frame of another PE: it may show that this PE is overtaken. For speed only the epoch is read."""
         data = event.frame.data
         if len(data) != STATE_BYTES:
             self._turn.count("malformed state", event.frame.can_id)
@@ -145,7 +149,7 @@ class Inbound:
             self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
-        """Another PE's actuator was told something, which moves the world here too, or an output ran there."""
+        """Take an output echo of another PE: what an actuator was commanded to moves the plant here too."""
         heard = self._modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))

@@ -1,23 +1,24 @@
-"""How much of a radio's bandwidth can be used, from what its gateway sees: nothing here asks the radio itself.
+"""How much of a radio's bandwidth can be used, measured at its gateway: nothing here queries the radio itself.
 
-Two things are known of any CAN interface:
+Two things can be measured at any CAN interface:
 
-    carried     while a frame of ours is in the controller, the radio is never idle. So what it carried in that time
-                (our frame, and whatever was heard meanwhile), by the time, is what it can carry. A driver that cannot
-                say how long a frame took leaves this out
+    carried     while a frame of ours is in the controller, the radio is never idle. So the bits that it carried in
+                that time (of our frame, and of all frames heard meanwhile), divided by the time, are what it can
+                carry. A driver that cannot say how long a frame took leaves this out
     delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
 
-What can be used is the product of both. It is taken over the last ten heartbeat periods, and from the last two alone
-where these are worse by half: a queue grows while one waits for certainty, and none while one is too careful.
+The usable share is the product of both. It is taken over the last ten heartbeat periods, and from the last two alone
+where these are worse by half: a late reduction lets a queue grow, an early one does no harm.
 
-An *outage*, silence in both directions, says nothing about the bandwidth before and after it: it counts as one frame
-lost of each sender, and the frame of ours that was stuck in it not at all.
+An *outage*, silence in both directions, says nothing about the bandwidth before and after it: it counts as one lost
+frame of each sender, and the frame of ours that was stuck in it does not count at all.
 
-    gone        nothing at all was heard for as many periods as may be missed there, and an eighth (so all who are there
-                are lost before the first of them is missed by itself); heard again, the measuring begins anew
+    gone        no frame was heard for as many periods as may be missed there, and an eighth (so all nodes there are
+                lost together before the first of them is missed by itself); when a frame is heard again, the
+                measurement begins anew
 
-A reboot beyond begins a sequence anew, and so does what was not heard for ten periods while others were: its route may
-have led elsewhere, and its numbers gone on there. A frame that comes twice, or late, counts as no loss. A forged state
+After a reboot beyond a sequence begins anew, and also after ten periods in which a source was not heard while others
+were: its frames may have gone by another route. A frame that comes twice, or late, counts as no loss. A forged state
 looks like loss: that costs the ground bandwidth, and the aircraft nothing.
 """
 
@@ -46,7 +47,7 @@ class _Period:
     """What was counted in one heartbeat period."""
 
     bits: int = 0  # carried while a frame of ours was in the controller
-    busy_ns: int = 0  # ... for so long
+    busy_ns: int = 0  # duration of that
     due: int = 0  # frames from beyond that should have come
     came: int = 0
 
@@ -72,7 +73,7 @@ class LinkMeter:
         self._periods = deque((_Period(),), maxlen=RADIO_WINDOW_PERIODS)
         self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
         self._last: dict[tuple[int, int], _Numbered] = {}  # by identifier and sender
-        self._outages = 0  # that are over
+        self._outages = 0  # number of outages that are over
 
     def heard(self, frame: Frame, now_ns: int) -> bool:
         """Take a frame from beyond; tells whether the radio was gone."""
@@ -91,7 +92,7 @@ class LinkMeter:
         self._in_flight_bits = 0
 
     def left(self, frame: Frame, took_ns: int) -> None:
-        """It has left, after so long; 0 where nobody knows."""
+        """The frame in the controller has left it after `took_ns`; 0 where the driver cannot tell."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if took_ns <= 0 or heard_bits is None:
             return
@@ -100,7 +101,7 @@ class LinkMeter:
             self._periods[-1].busy_ns += took_ns
 
     def stuck(self, took_ns: int) -> None:
-        """It was given up after so long."""
+        """The frame in the controller was given up after `took_ns`."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if heard_bits:
             self._periods[-1].bits += heard_bits
@@ -112,17 +113,17 @@ class LinkMeter:
 
     @property
     def gone_ns(self) -> int:
-        """When the radio is gone if nothing is heard before; never, where it is already."""
+        """Time in ns at which the radio is gone if no frame is heard before; NEVER_NS where it is gone already."""
         return NEVER_NS if self.gone else self._heard_ns + self._patience_ns
 
     def usable(self) -> int:
-        """What can be used, in thousandths of the bit rate."""
+        """Usable bandwidth, in thousandths of the bit rate."""
         long = self._carried(RADIO_WINDOW_PERIODS) * self._delivered(RADIO_WINDOW_PERIODS) // PER_MILLE
         quick = self._carried(RADIO_QUICK_PERIODS + 1) * self._delivered(RADIO_QUICK_PERIODS + 1) // PER_MILLE
         return quick if quick * _QUICK_SHARE <= long else long
 
     def delivered_percent(self) -> int:
-        """How much of what was sent beyond has come, in per cent."""
+        """Share of the frames sent beyond that has arrived, in per cent."""
         return self._delivered(RADIO_WINDOW_PERIODS) // 10
 
     def _carried(self, periods: int) -> int:
@@ -139,7 +140,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count what is missing before a numbered frame."""
+        """Count the frames that are missing before a numbered frame."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

@@ -1,12 +1,12 @@
-"""The inputs of the modules: the last datum of every source that is read here, and what a consumer sees of it.
+"""The inputs of the modules: the last datum of every source that is read here, and what a module sees of it.
 
 A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. Rewiring keeps a mailbox
-whose origin stays, with what is in it, and empties one whose origin moved: what the old producer said last is foreign
-from then on. A datum from another node, of another type, or without a version never gets in.
+whose origin stays, with what is in it, and empties one whose origin has changed: the last datum of the old producer is
+foreign from then on. A datum from another node, of another type, or without a version never gets in.
 
 A leaf sees a datum when its version is accepted and it is fresh: no older than three of the longest periods of its
 source. Before the first datum a leaf sees the variable's `initial` value, if it has one (in the best version that the
-leaf accepts): it breaks the cycle of a feedback. Once a datum has come, silence is absence.
+leaf accepts): it breaks the cycle of a feedback. Once a datum has come, a datum that is too old counts as absent.
 
 A value that stays on this PE passes through the same codec as one that travels, so a module sees the same number
 wherever its producer runs: a FLOAT has single precision everywhere.
@@ -43,7 +43,7 @@ class Mailbox:
         self._value: Value | None = None
 
     def put(self, data: bytes, now_ns: int) -> bool:
-        """Take the bytes of a data frame; False when it is not what this mailbox is for."""
+        """Take the bytes of a data frame; False where node, type, length or status byte is not that of this source."""
         if len(data) != self._length:
             return False
         node, type_code, service_code, _ = read_header(data)
@@ -56,7 +56,7 @@ class Mailbox:
         return True
 
     def is_virgin(self) -> bool:
-        """Tell whether nothing has come since it was wired."""
+        """Tell whether no datum has come since the mailbox was wired."""
         return self._time_ns is None
 
     def read(self, best: int, worst: int, now_ns: int) -> Datum | None:
@@ -91,7 +91,7 @@ class Mailboxes:
         self._wires: dict[int, tuple[_Wire, ...]] = {}
 
     def rewire(self, wanted: Slice) -> None:
-        """Follow a new slice."""
+        """Make the mailboxes and wires of a new slice; a mailbox whose origin stays keeps its datum."""
         read = {source for module in wanted.modules for source in module.sources if source is not None}
         self.boxes = {source: self._box(source, wanted.remote.get(source, self._index.node)) for source in sorted(read)}
         self._wires = {
@@ -100,7 +100,7 @@ class Mailboxes:
         }
 
     def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
-        """What a module sees now: (variable, datum) by leaf path."""
+        """Inputs of a module now: (variable, datum) by leaf path, without absent ones."""
         seen = {}
         for wire in self._wires[module]:
             datum = wire.box.read(wire.best, wire.worst, now_ns)

@@ -1,16 +1,17 @@
-"""Whom a PE obeys: the manager of the highest term heard (rule 7), and whether it still reigns.
+"""Which manager a PE follows: that of the highest term heard (protocol rule 7), and whether its lease still runs.
 
-A term belongs to the manager that was first heard with it: the other one cannot have the same, and a command that says
-so is as stale as one with a lower term. The lease is heard as long as a LEASE of the reigning term came within T_lease.
-Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it. A manager that has
-just begun to reign does not know what runs, nor who has let go, until a LEASE or ACTIVATE of its term is at the last
-step (`has_activated`).
+A term belongs to the manager that was first heard with it: the other manager cannot have the same term, and a command
+of the other one under it is as stale as one with a lower term. The lease is heard as long as a LEASE of the highest
+term came within T_lease. Its loss stops nothing (`keep`); the state frames report it, and the standby manager counts
+those reports. A manager that has just become active does not know what runs, nor which PEs have released their
+exclusive outputs, until a LEASE or ACTIVATE of its term is at the last step (`has_activated`).
 
-Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: it counts from when it arrived here, not from
-when it is read, so that a pause is no sign of a manager; one of a lower term is refused. Forged: see `authenticity`.
+Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: a LEASE counts from its time of arrival, not
+from when it is read, so that a pause of the process does not prolong a lease; one of a lower term is refused. Forged:
+see `authenticity`.
 
-The term lives in memory. A PE that restarts obeys the first manager it hears: it runs nothing then, and what it is
-given by a deposed manager the reigning one sees at once as an unknown epoch.
+The term is kept in memory only. A PE that restarts follows the first manager that it hears: it runs nothing then, and
+the active manager recognizes a configuration of a deposed manager immediately as an unknown epoch.
 """
 
 from heronry_wire.management import MAX_TERM
@@ -19,18 +20,18 @@ NO_TERM = 0
 
 
 class Mastership:
-    """Highest term heard, whose it is, and when its last LEASE came."""
+    """The highest term heard, its manager, and when its last LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:
         """`lease_ns` is T_lease."""
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
-        self.has_activated = False  # the one that reigns has brought a configuration to its last step
+        self.has_activated = False  # the active manager has brought a configuration to its last step
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
-        """Tell whether to obey a command, and remember its term if it is the highest."""
+        """Tell whether a command of this manager and term is accepted; remembers the term if it is the highest."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:
@@ -38,14 +39,14 @@ class Mastership:
         return term == self.term and manager == self.manager
 
     def leased(self, arrived_ns: int) -> None:
-        """A LEASE was obeyed."""
+        """Take the time of arrival of an accepted LEASE."""
         self._leased_ns = arrived_ns
 
     @property
     def lease_ends_ns(self) -> int:
-        """From when on no manager is heard, unless another LEASE comes."""
+        """Time in ns from which on no manager is heard, unless another LEASE comes."""
         return 0 if self._leased_ns is None else self._leased_ns + self._lease_ns + 1
 
     def hears_lease(self, now_ns: int) -> bool:
-        """Tell whether the manager reigns, as far as can be heard here."""
+        """Tell whether the lease of the active manager still runs, as heard here."""
         return now_ns < self.lease_ends_ns

@@ -1,16 +1,16 @@
-"""What a PE answers when CANaerospace tools ask: IDS, NSS, TIS and STS on channel 0 (V1.7, p. 10-16).
+"""How a PE answers CANaerospace node services: IDS, NSS, TIS and STS on channel 0 (V1.7, p. 10-16).
 
-    IDS  who are you       answered: at once, or after (n - 92) ms if everybody was asked
-    NSS  this is the time  no answer; the time stamp is kept to be read (object 2022h) and sets no clock here: what a
-                           PE does goes by its own clock, and an unverified time may not move it
-    TIS  send so often     answered. The one interval that a PE lets be set is that of its CANopen heartbeat, within
-                           the limits of object 1017h; rates of data are the plan's, and anything else is OUT_OF_RANGE
-    STS  say your state    no answer but that: both pages of the state on every port, at most once in a heartbeat
-                           period, and after (n - 92) ms if everybody was asked. Data go out in their own time
+    IDS  identification    answered: immediately, or after (n - 92) ms if all nodes were asked
+    NSS  time stamp        no answer; the time stamp can be read (object 2022h) and sets no clock: a PE runs by its own
+                           clock, and an unverified time may not change it
+    TIS  set an interval   answered. The one interval that can be set is that of the CANopen heartbeat, within the
+                           limits of object 1017h; the plan sets the rates of data, and anything else is OUT_OF_RANGE
+    STS  transmit status   the answer is the state itself: both pages on every port, at most once in a heartbeat
+                           period, and after (n - 92) ms if all nodes were asked. Data frames keep their schedule
 
-Other services and other channels are not answered, malformed requests are counted. A lost answer is asked for again by
-whoever wants it; a doubled request is answered twice at most. A forged request does what a true one does: that costs a
-few frames, and never an output.
+Other services and other channels are not answered, malformed requests are counted. Lost: the node that needs the answer
+asks again. Doubled: two answers at most. A forged request does what a true one does: that costs a few frames, and never
+an output.
 """
 
 from collections.abc import Callable
@@ -37,14 +37,14 @@ _NS_PER_MS = 1_000_000
 
 
 class NodeServices:
-    """Answers of one PE."""
+    """Answers the node services of one PE."""
 
     def __init__(self, node: int, period_ns: int, network: NetworkManagement) -> None:
         """`period_ns` is the heartbeat period of the uplink."""
         self._node, self._period_ns = node, period_ns
         self._network = network
         self._identification = IdentificationService(node)
-        self._stated_ns = -period_ns  # when STS was last followed
+        self._stated_ns = -period_ns  # when STS was last executed
         self._state_due_ns = NEVER_NS
         self._time: tuple[int, int] | None = None  # time stamp, and when it came
         self._answers: dict[int, Callable[[int, ServiceMessage, int], list[Send]]] = {
@@ -55,24 +55,24 @@ class NodeServices:
 
     @property
     def next_ns(self) -> int:
-        """When something is due."""
+        """Time in ns at which to call `tick`."""
         return min(self._identification.next_ns, self._state_due_ns)
 
-    def asked(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
-        """A request came; gives what is to be said at once."""
-        asked = decode_service(frame)
-        if isinstance(asked, Malformed):
-            return asked
-        if asked.datum.service_code == Service.IDS:
+    def take(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
+        """Take a request; gives the frames to be sent immediately, or why the request is malformed."""
+        request = decode_service(frame)
+        if isinstance(request, Malformed):
+            return request
+        if request.datum.service_code == Service.IDS:
             self._identification.asked(port, frame, now_ns)
             return self._identification.tick(now_ns)
-        heed = self._answers.get(asked.datum.service_code)
-        if heed is None or asked.datum.node_id not in (BROADCAST, self._node):
+        answer_to = self._answers.get(request.datum.service_code)
+        if answer_to is None or request.datum.node_id not in (BROADCAST, self._node):
             return []
-        return heed(port, asked, now_ns)
+        return answer_to(port, request, now_ns)
 
     def tick(self, now_ns: int) -> tuple[list[Send], bool]:
-        """Give the answers that are due, and whether to say the whole state now."""
+        """Give the answers that are due, and whether to send both pages of the state now."""
         is_state_due = now_ns >= self._state_due_ns
         if is_state_due:
             self._state_due_ns, self._stated_ns = NEVER_NS, now_ns
@@ -80,30 +80,30 @@ class NodeServices:
 
     @property
     def time_stamp(self) -> int:
-        """Time stamp last given; 0 before the first."""
+        """Time stamp of the last NSS; 0 before the first one."""
         return 0 if self._time is None else self._time[0]
 
     def time_age_ms(self, now_ns: int) -> int:
-        """How long ago that was; NO_TIME where there was none."""
+        """Age of the time stamp in ms; NO_TIME where there was none."""
         return NO_TIME if self._time is None else min((now_ns - self._time[1]) // _NS_PER_MS, NO_TIME - 1)
 
-    def _synchronise(self, _port: int, asked: ServiceMessage, now_ns: int) -> list[Send]:
-        if asked.datum.data_type == DataType.ULONG and isinstance(asked.datum.value, int):
-            self._time = (asked.datum.value, now_ns)
+    def _synchronise(self, _port: int, request: ServiceMessage, now_ns: int) -> list[Send]:
+        if request.datum.data_type == DataType.ULONG and isinstance(request.datum.value, int):
+            self._time = (request.datum.value, now_ns)
         return []
 
-    def _set_interval(self, port: int, asked: ServiceMessage, now_ns: int) -> list[Send]:
-        if asked.datum.node_id == BROADCAST:  # an identifier is one node's
+    def _set_interval(self, port: int, request: ServiceMessage, now_ns: int) -> list[Send]:
+        if request.datum.node_id == BROADCAST:  # an identifier belongs to one node
             return []
-        wanted, result = asked.datum.value, Result.OUT_OF_RANGE
-        if asked.datum.data_type == DataType.SHORT2 and isinstance(wanted, tuple):
+        wanted, result = request.datum.value, Result.OUT_OF_RANGE
+        if request.datum.data_type == DataType.SHORT2 and isinstance(wanted, tuple):
             identifier, time_ms = wanted
             if identifier == heartbeat_id(self._node) and self._network.admits_heartbeat(time_ms):
                 self._network.set_heartbeat(time_ms, now_ns)
                 result = Result.OK
-        return [Send(port, encode_service(answer(asked, self._node, message_code=result.message_code)))]
+        return [Send(port, encode_service(answer(request, self._node, message_code=result.message_code)))]
 
-    def _transmit_state(self, _port: int, asked: ServiceMessage, now_ns: int) -> list[Send]:
-        due_ns = max(now_ns + answer_delay_ns(asked, self._node), self._stated_ns + self._period_ns)
+    def _transmit_state(self, _port: int, request: ServiceMessage, now_ns: int) -> list[Send]:
+        due_ns = max(now_ns + answer_delay_ns(request, self._node), self._stated_ns + self._period_ns)
         self._state_due_ns = min(self._state_due_ns, due_ns)
         return []

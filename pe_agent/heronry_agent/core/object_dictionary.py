@@ -1,11 +1,12 @@
-"""Serves the objects of `canopen_objects`: their values as bytes, and who may write what (CiA 301, 7.4).
+"""Serves the objects of `canopen_objects`: their values as bytes, and their access rights (CiA 301, 7.4).
 
-It knows types, lengths and access rights; what an object says comes from whoever made this dictionary, as functions
-that are called when somebody asks. A variable that nothing gives, or a function for what is no object, is an error of
-ours and found at once (InvariantError): so the table, the EDS and what is served are one thing.
+The dictionary knows types, lengths and access rights; the caller gives functions for the values, which are called when
+a client reads. A variable without a function, or a function without an object, is an error of the caller and raises
+InvariantError in the constructor: so the table, the EDS and the served objects agree.
 
-An element that an array could have and has not now is NO_DATA. What may be written by its rights, and nothing takes, is
-UNSUPPORTED. A value is taken as a whole or refused with its reason; nothing here raises for what a client sends.
+An element that an array could have and has not now is NO_DATA. An object that its rights allow to write, and for which
+there is no writer, is UNSUPPORTED. A value is taken as a whole or refused with its reason; no request of a client
+raises an exception.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,9 +41,9 @@ class ObjectDictionary:
         bytes_writers: Mapping[Place, BytesWriter],
         takes_bytes: Callable[[], bool],
     ) -> None:
-        """Give what each object says now (places are index and sub-index), and what takes a value written to it.
+        """Take functions that read and write the objects; a place is index and sub-index.
 
-        takes_bytes: tells whether long values are taken at all, before the first byte of one comes.
+        takes_bytes: tells whether long values are accepted at all, before the first byte of one comes.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays
@@ -52,7 +53,7 @@ class ObjectDictionary:
         require(given == needed, "objects without a value or values without an object: {}", given ^ needed)
         writers = {*number_writers, *bytes_writers}
         writable = {place for place in writers if self._right(*place) in (Access.READ_WRITE, Access.WRITE)}
-        require(writers == writable, "nobody may write {}", writers - writable)
+        require(writers == writable, "writers for objects that are read-only: {}", writers - writable)
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
         """Value of an object."""
@@ -65,7 +66,7 @@ class ObjectDictionary:
         return value if isinstance(value, Abort) else _encode(variable.type, value)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written to an object; length is what was announced, if it was."""
+        """Most bytes that may be written to an object, or why none may; `length` is what was announced, if it was."""
         variable = self._variable(index, sub_index)
         if isinstance(variable, Abort):
             return variable
@@ -80,11 +81,11 @@ class ObjectDictionary:
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Take a value; `room` has admitted it."""
+        """Write a value that `room` has admitted; gives None, or why the value is refused."""
         if (index, sub_index) in self._bytes_writers:
             return self._bytes_writers[index, sub_index](data)
         variable = _ENTRIES[index].variable(sub_index)
-        require(variable is not None, "no room was asked for {}", (index, sub_index))
+        require(variable is not None, "{} is no variable, and `room` was not called", (index, sub_index))
         assert variable is not None
         if len(data) != variable.type.length:
             return Abort.LENGTH
@@ -120,10 +121,10 @@ class ObjectDictionary:
 
 
 class Locked:
-    """An object dictionary that can be read, and written only while it is not locked."""
+    """An object dictionary that can be read at any time, and written only while it is not locked."""
 
     def __init__(self, objects: ObjectDictionary, is_locked: Callable[[], bool]) -> None:
-        self.read, self.write = objects.read, objects.write  # what room was given for may be finished
+        self.read, self.write = objects.read, objects.write  # a download for which there was room may be finished
         self._room, self._is_locked = objects.room, is_locked
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
@@ -133,7 +134,7 @@ class Locked:
 
 
 def _needed() -> Iterator[Place | int]:
-    """Places whose value depends on the node, and indices of arrays."""
+    """Places whose value needs a function, and indices of arrays."""
     for entry in OBJECTS:
         if _is_alive(entry):
             yield entry.index
@@ -148,12 +149,12 @@ def _needed() -> Iterator[Place | int]:
 
 
 def _is_alive(entry: Entry) -> bool:
-    """Tell whether an array has as many elements as there are just now."""
+    """Tell whether the number of elements of an array changes at run time."""
     return entry.kind is Kind.ARRAY and (entry.count is None or entry.count.access is not Access.CONST)
 
 
 def _encode(kind: Type, value: Value) -> bytes:
-    """Bytes of a value, numbers little-endian; a number beyond its type's range is its largest."""
+    """Bytes of a value, numbers little-endian; a number beyond the range of its type becomes the largest one."""
     if isinstance(value, int):
         assert kind.length is not None
         return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")

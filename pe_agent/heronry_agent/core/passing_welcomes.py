@@ -1,7 +1,7 @@
-"""WELCOMEs for nodes beyond a gateway with a key: it cannot judge them, and hands them on with the TAG that follows.
+"""WELCOMEs for nodes beyond a gateway with a key: it cannot verify them, and forwards each with the TAG that follows.
 
 A TAG names no command but its kind, so the first TAG of a WELCOME's kind that proves nothing here belongs to the first
-WELCOME that was handed on. A WELCOME whose TAG does not come within T_lease is forgotten.
+WELCOME that was forwarded. A WELCOME whose TAG does not come within T_lease is dropped from the list.
 """
 
 from collections import deque
@@ -14,25 +14,25 @@ _MOST = 40
 
 
 class PassingWelcomes:
-    """WELCOMEs that have been handed on, and whose TAG has not."""
+    """WELCOMEs that have been forwarded without their TAG so far."""
 
     def __init__(self, turn: Turn, gateway: Gateway, lease_ns: int) -> None:
         self._turn, self._gateway, self._lease_ns = turn, gateway, lease_ns
         self._nodes: deque[tuple[int, int]] = deque(maxlen=_MOST)  # node, when it came
 
     def hand_on(self, node: int, welcome: Frame) -> None:
-        """Hand a WELCOME on to where its node is."""
+        """Forward a WELCOME toward its node."""
         self._nodes.append((node, self._turn.arrived_ns))
         self._turn.out += self._gateway.toward(node, welcome)
 
     def wait(self) -> bool:
-        """Tell whether one of them may still have its TAG to come."""
+        """Tell whether the TAG of a forwarded WELCOME may still come."""
         while self._nodes and self._turn.arrived_ns - self._nodes[0][1] > self._lease_ns:
             self._nodes.popleft()
         return bool(self._nodes)
 
     def tagged(self, tag: Frame) -> None:
-        """Hand the TAG on to where the first of them went."""
+        """Forward the TAG toward the node of the first WELCOME."""
         node, _ = self._nodes.popleft()
         self._turn.count("answer to another node", tag.can_id)
         self._turn.out += self._gateway.toward(node, tag)

@@ -1,11 +1,10 @@
-"""What each object of a PE says, read from the parts of its agent when somebody asks.
+"""The values of the CANopen objects of a PE, read from the parts of its agent when a client reads them.
 
-Nothing here is kept or computed ahead, but for the two long texts: the EDS and the table are written out when they are
-first asked for. Two things can be written: the heartbeat time, and 0 to the number of errors, which empties the list.
-The table can be "written" with what it is already, by a tool that makes sure of it. Any other is taken by a PE that
-waits for one (`table_waiting`), and refused by a PE that has one. With a key the lock must be open for any of this, and
-a table must be sealed. While a PE is configured it takes none: that many
-bytes have no business on the bus then.
+No value is stored or computed in advance, except the two long texts: the EDS and the table are made when a client first
+reads them. Two numbers can be written: the heartbeat time, and 0 to the number of errors, which empties the list. A
+tool may write the present table once more, to make sure of it. Any other table is taken by a PE that waits for one
+(`table_waiting`), and refused by a PE that has one. With a key the lock must be open for any download, and a table must
+be sealed. A PE that is configured takes no table: so many bytes must not load the bus then.
 """
 
 from collections.abc import Callable
@@ -51,10 +50,10 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Parts of an agent that tell what it is and does.
+    """Parts of an agent from which the objects are read.
 
-    facts: gives what the state frames tell now.
-    take_table: takes another table than the present one, or says why not; None where no other is taken.
+    facts: gives what the state frames report now.
+    take_table: takes another table than the present one, or gives an abort code; None where no other is taken.
     authenticity: the lock on NMT and on writing, and what opens a sealed table; None without a key.
     """
 

@@ -1,23 +1,24 @@
-"""Which mission phase this PE asks for: a module does by itself, or what it gives satisfies a phase's rule.
+"""Which mission phase this PE requests: a module requests one, or a value that it gives satisfies a phase's rule.
 
-A rule watches a variable where it is made: on the PE that runs a module which gives it, at every value that this module
-gives. So it needs no frame on any bus, and costs nothing where nobody else reads the variable. It does not work while
-no module that gives the variable runs.
+A rule is checked where its variable is made: on the PE that runs a module which gives the variable, at every value that
+this module gives. So it needs no frame on any bus, even where no other module reads the variable. It does not work
+while no module that gives the variable runs.
 
     armed     the value is not beyond the threshold, or has not been for `hold_ns` without a break yet
-    fired     it was: the phase has been asked for, once. Armed again when the value has been back for `hold_ns`
+    fired     it has been: the phase was requested, once. Armed again when the value has been back for `hold_ns`
 
 A break is a value on the other side, or none for three periods. Of several rules that fire at one value, the last phase
-in the spec's order is asked for. A rule only ever leads on, to a later phase of the spec; a module may ask for any.
+in the spec's order is requested. A rule only leads forward, to a later phase of the spec; a module may request any
+phase.
 
-A module that asks for the same phase in every step asks once. What it asked for last stands until it asks for another,
-or stops; the last standing request of this PE is made again when a new term begins, under its number and leading on
-alone, because that manager may know nothing of it. One that does know has obeyed it.
+A module that requests the same phase in every step makes one request. Its last request stands until it requests another
+phase, or stops; the last standing request of this PE is sent again when a new term begins, with its number and forward
+only, because that manager may not know it. A manager that knows the number has already executed it.
 
-What if: a request is lost, late, doubled or forged is `faults`' and the manager's matter. A pause is a break of the
-value like any other. A module that starts here, because another PE has failed, begins with every rule armed: one that
-holds fires again, and as it only leads on, that changes nothing but what an operator has turned back. A restart is the
-same.
+`faults` and the manager handle a request that is lost, late, doubled or forged. A pause of the process is a break of
+the value like any other. A module that starts here, because another PE has failed, begins with every rule armed: a rule
+whose condition holds fires again, and since it only leads forward, that changes nothing except a phase that an operator
+has turned back. A restart is the same.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class _Watch:
     seen_ns: int = 0
 
     def see(self, value: float, now_ns: int) -> bool:
-        """Take a value; tells whether the rule fires."""
+        """Take a value at a time in ns; tells whether the rule fires."""
         if now_ns - self.seen_ns > self.longest_break_ns:
             self.since_ns = None
         self.seen_ns = now_ns
@@ -64,16 +65,16 @@ class _Watch:
 
 
 class PhaseRequests:
-    """What the modules of one PE ask for."""
+    """The phase requests of the modules of one PE."""
 
     def __init__(self, index: TableIndex, faults: Faults) -> None:
         self._index, self._faults = index, faults
         self._watches: dict[int, dict[str, list[_Watch]]] = {}  # by module and variable
-        self._asked: dict[int, int] = {}  # phase that each module asked for last
+        self._requested: dict[int, int] = {}  # phase that each module requested last
         self._standing: int | None = None  # module that made the last request of this PE
 
     def started(self, module: int, mode: int) -> None:
-        """A module starts: watch what it gives."""
+        """A module starts: watch the variables of phase rules that it gives."""
         entry = self._index.modules[module].modes[mode]
         longest_break_ns = _LONGEST_BREAK_PERIODS * NS_MHZ // entry.rate_mhz
         watches: dict[str, list[_Watch]] = {}
@@ -83,30 +84,33 @@ class PhaseRequests:
         self._watches[module] = watches
 
     def stopped(self, module: int) -> None:
-        """A module stops: what it asked for is asked for no more."""
+        """A module stops: withdraw its request."""
         self._watches.pop(module, None)
-        self._asked.pop(module, None)
+        self._requested.pop(module, None)
         if self._standing == module:
             self._standing = None
             self._faults.withdraw_request()
 
     def gave(self, module: int, variable: str, value: Value, now_ns: int) -> list[Frame]:
-        """A module has given a value: what to send now."""
+        """Check the rules of a variable against a value that a module has given; gives the frames to send now."""
         watches = self._watches[module].get(variable)
         if not watches or not isinstance(value, int | float):
             return []
         fired = [watch.phase for watch in watches if watch.see(value, now_ns)]
         return self._request(module, fired[-1], now_ns, forward_only=True) if fired else []
 
-    def asked(self, module: int, phase: int, now_ns: int) -> list[Frame]:
-        """A module asks for a phase: what to send now."""
-        if self._asked.get(module) == phase:
+    def requested(self, module: int, phase: int, now_ns: int) -> list[Frame]:
+        """Make the request of a module for a phase; gives the frames to send now."""
+        if self._requested.get(module) == phase:
             return []
-        self._asked[module] = phase
+        self._requested[module] = phase
         return self._request(module, phase, now_ns, forward_only=False)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """A new term has begun: what to send now. What nobody has acknowledged is asked for as it was."""
+        """A new term has begun; gives the frames to send now: the last acknowledged request, forward only.
+
+        A request that is still pending is repeated unchanged, as it was made.
+        """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 
     def _request(self, module: int, phase: int, now_ns: int, *, forward_only: bool) -> list[Frame]:

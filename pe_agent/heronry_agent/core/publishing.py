@@ -1,19 +1,19 @@
-"""The data frames of this PE: what its modules give, and what its actuators were told.
+"""The data frames of this PE: the outputs of its modules, and the values to which its actuators were commanded.
 
-Every identifier has its own message code, one up with each frame that is sent. Which frames go out is the slice's to
-say and rule 6's to forbid; this file only makes them. An actuator's echo is for whoever watches: it shows on the bus,
-below all data, what an output does, and a simulated world follows it.
+Every identifier has its own message code, incremented with each frame that is sent. The slice says which frames go out,
+and protocol rule 6 may forbid them; this file only makes them. The output echo is for an observer: it shows on the bus,
+with a lower priority than all data, what an output does, and a plant follows it.
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
-A module that serves a function but drives no actuator, or tells its actuator what is no number (a display's words), is
-shown to run in the same place:
+For a module that serves a function but drives no actuator, or writes to its actuator what is not a number (text on a
+display), a frame under the same identifier shows that it runs:
 
     byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
 
-Both have 8 bytes: a DBC gives a frame one length.
+Both frames have 8 bytes: in a DBC a frame has one length.
 
-A value that its type cannot carry raises WireError: the module that gave it is at fault.
+A value that its type cannot carry raises WireError: the module that gave the value has failed.
 """
 
 from collections import defaultdict
@@ -44,15 +44,15 @@ class Publisher:
         return encode_data(identifier, datum)
 
     def sent(self, frame: Frame) -> None:
-        """A frame goes out: the next one of its identifier has the next message code."""
+        """A data frame goes out: increment the message code of its identifier."""
         self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
 
     def output_echo(self, module: int, mode: int) -> Frame:
-        """Echo of a step of an output, where no actuator's value shows it."""
+        """Echo of a step of an output that commands no actuator to a number."""
         return self._own_echo(DataType.ULONG, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
-        """Echo of a value written to a device; None where no number in one frame tells it."""
+        """Echo of a value written to a device; None where the value is not a number that a frame can carry."""
         position = self._index.device_index.get(device)
         if position is None or position > 255 or not isinstance(value, (int, float)):
             return None
@@ -69,7 +69,7 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Read another PE's echo: device and value; None where it is none of a device of that PE."""
+        """Read another PE's echo: device and value; None where the frame is not an echo of a device of that PE."""
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

@@ -1,14 +1,14 @@
-"""A gateway's port to a radio: everything that goes there passes here, one frame at a time (rule 9).
+"""A gateway's port to a radio: every frame to the radio passes here, one at a time (protocol rule 9).
 
 Frames wait in `radio_queue`, and the next one is handed to the controller when the last one has left it (`Left`): so
-what is more urgent or newer overtakes to the very end, and how long a frame takes is seen. `link_meter` makes of it how
-much of the radio can be used. That is the pace of the queue, with a tenth on top, since a measured hundredth less must
-not starve what the plan routes. It is told to the manager as well, once in a heartbeat period of the radio, and at once
-when the radio is gone or back.
+more urgent and newer frames overtake until the last moment, and the time that a frame takes can be measured. From these
+times `link_meter` finds how much of the bandwidth is usable. The queue sends at that rate plus a tenth, since a small
+error of the measurement must not starve data that the plan routes. The usable bandwidth is reported to the manager as
+well, once in a heartbeat period of the radio, and immediately when the radio is gone or back.
 
-What waits for more than T_lease is dropped, as everywhere; commands that are as good when they come late may wait for
-five periods of the radio. A frame that has not left the controller after a period is given up. A `Left` that is lost,
-with an overrun of a receive queue, looks the same and costs that period.
+A frame that waits for more than T_lease is dropped, as everywhere; commands that have the same effect when they come
+late may wait for five periods of the radio. A frame that has not left the controller after a period is given up. A
+`Left` that is lost, in an overrun of a receive queue, looks the same and costs that period.
 """
 
 from heronry_agent.core.link_meter import LinkMeter
@@ -27,14 +27,14 @@ class RadioPort:
     """One radio, away from the manager."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
-        """`port` is its number; its entry in the table says under which identifier to report."""
+        """`port` is the number of the port; its entry in the table has the identifier of the report."""
         entry = index.table.ports[port]
         self.next_ns = self._report_ns = now_ns + entry.heartbeat_ns
         self._port, self._entry, self._node, self._uplink = port, entry, index.node, index.uplink
         self._lease_ns = index.lease_ns
         self._queue = RadioQueue(entry.bitrate, entry.data_per_mille, now_ns)
         self._meter = LinkMeter(entry.bitrate, entry.heartbeat_ns, entry.misses, now_ns)
-        self._in_flight: tuple[Frame, int] | None = None  # and since when
+        self._in_flight: tuple[Frame, int] | None = None  # the frame in the controller, and since when
         self._moved = False  # since the last step
         self._sequence = 0
 
@@ -43,13 +43,13 @@ class RadioPort:
         return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
 
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
-        """Let a frame wait for its turn, that came or was made at `since_ns`."""
+        """Queue a frame that arrived or was made at `since_ns`; `until_ns`: when to drop it; None: as usual."""
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
         self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
         self._moved = True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back what waits under these identifiers."""
+        """Withdraw the frames that wait under these identifiers."""
         self._queue.withdraw(identifiers)
 
     def left(self, took_ns: int) -> None:
@@ -59,7 +59,7 @@ class RadioPort:
             self._in_flight, self._moved = None, True
 
     def step(self, now_ns: int) -> list[Send]:
-        """Give what is to be sent now: a report, and the next frame."""
+        """Give the frames to be sent now: a report that is due, and the next frame of the queue."""
         if now_ns < self.next_ns and not self._moved:
             return []
         self._moved = False
@@ -73,7 +73,7 @@ class RadioPort:
         return out
 
     def _reports(self, now_ns: int) -> list[Send]:
-        """Report that the radio is gone, and whatever it is once in a period."""
+        """Report when the radio is gone, and its condition once in a period."""
         is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
         self._meter.gone = self._meter.gone or is_gone
         if is_due:
@@ -99,7 +99,7 @@ class RadioPort:
         return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
 
     def _report(self, now_ns: int) -> list[Send]:
-        """Measure, go on at that pace, and tell the manager."""
+        """Set the rate of the queue to what is usable now, and make the report to the manager."""
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))
         self._queue.pace(self._entry.bitrate * pace // PER_MILLE, now_ns)

@@ -1,16 +1,16 @@
-"""What waits at a gateway for a radio: the most urgent first, of each thing the newest only, never more than so much.
+"""Frames that wait at a gateway for a radio: the most urgent first, of each kind the newest only, and a limited number.
 
-    push      a frame joins; where an older one says the same thing (a datum of the same source, the LEASE before this
-              LEASE), it takes its place: over a slow radio old news is worse than none. What must not be lost one by
-              one (slices, commands, emergencies) only takes the place of its own double
+    push      a frame joins; where an older one is of the same kind (a datum of the same source, the LEASE before this
+              LEASE), it takes its place: over a slow radio an old datum is worse than none. Frames of which none may be
+              lost (slices, commands, emergencies) only take the place of their own double
     take      the most urgent frame for which its class has bandwidth; data and management are two classes, since data
               must leave to management what the spec reserves for it
-    full      the least urgent one is dropped, and counted; so is what waited so long that nobody wants it any more
-              when it leaves. Whatever is taken can wait for the frame that is under way: what the driver finds too old
-              to start it drops without a word, and the next one would wait for a whole period
+    full      the least urgent one is dropped, and counted; so is a frame that would leave too late to be of use. A
+              frame is dropped that much before its time that it can wait for the frame under way: the driver drops a
+              frame that is too old to start without telling, and the next one would wait for a whole period
 
-Each class has a bucket of bits, filled at its share of the bandwidth and never fuller than a burst. What is counted are
-the longest frames (as plans count), so that a plan that fits its bus fits this too.
+Each class has a bucket of bits, filled at its share of the bandwidth and limited to a burst. Frames count with their
+longest length (as in plans), so that a plan that fits its bus fits this queue too.
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Bucket:
     _rest: int = 0  # billionths of a bit
 
     def fill(self, now_ns: int) -> None:
-        """Let time pass."""
+        """Add the bits gained up to now."""
         gained = self.rate * (now_ns - self.filled_ns) + self._rest
         self.bits, self._rest = self.bits + gained // _NS_PER_S, gained % _NS_PER_S
         if self.bits >= self.burst:
@@ -52,7 +52,7 @@ class Bucket:
         self.filled_ns = now_ns
 
     def has_ns(self, bits: int) -> int:
-        """When there will be so many bits, if none are taken before."""
+        """Time in ns at which there will be so many bits, if none are taken before."""
         if bits <= self.bits:
             return self.filled_ns
         missing = (bits - self.bits) * _NS_PER_S - self._rest
@@ -75,7 +75,7 @@ class RadioQueue:
     """Frames that wait for one radio."""
 
     def __init__(self, rate: int, data_per_mille: int, now_ns: int) -> None:
-        """`rate` is the radio's bandwidth in bit/s, of which data may take so much."""
+        """`rate` is the radio's bandwidth in bit/s; data may take `data_per_mille` thousandths of it."""
         self.dropped = 0
         self._data_per_mille = data_per_mille
         self._under_way_ns = worst_bits(8) * _NS_PER_S // rate
@@ -89,14 +89,14 @@ class RadioQueue:
         return len(self._waiting)
 
     def pace(self, rate: int, now_ns: int) -> None:
-        """Go on at another bandwidth, in bit/s."""
+        """Change the bandwidth, in bit/s."""
         for bucket in (self._data, self._management):
             bucket.fill(now_ns)
         self._data.rate = rate * self._data_per_mille // 1000
         self._management.rate = rate - self._data.rate
 
     def push(self, frame: Frame, until_ns: int) -> None:
-        """Let a frame wait, for as long as it is of use."""
+        """Queue a frame; it is dropped when it could not start before `until_ns`."""
         use = classify(frame.can_id)
         key = _key(frame, use.use, use.command)
         older = self._waiting.get(key)
@@ -111,7 +111,7 @@ class RadioQueue:
             self.dropped += 1
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back what waits under these identifiers."""
+        """Withdraw the frames that wait under these identifiers."""
         self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
 
     def take(self, now_ns: int) -> Waiting | None:
@@ -128,7 +128,7 @@ class RadioQueue:
         return first
 
     def next_ns(self) -> int | None:
-        """When some frame may go, if none comes and none goes before; None where none waits."""
+        """Time in ns at which some frame may go, if none comes and none goes before; None where none waits."""
         return min((self._bucket(one).has_ns(one.bits) for one in self._waiting.values()), default=None)
 
     def _bucket(self, one: Waiting) -> Bucket:
@@ -142,7 +142,7 @@ class RadioQueue:
 
 
 def is_patient(frame: Frame) -> bool:
-    """Tell whether a frame is as good when it comes late: it names its epoch, or says what has been heard."""
+    """Tell whether a frame has the same effect when it comes late: it names its epoch, or acknowledges a fault."""
     return classify(frame.can_id).command in _PATIENT_COMMANDS
 
 
@@ -151,7 +151,7 @@ def _rank(one: Waiting) -> tuple[int, int]:
 
 
 def _key(frame: Frame, use: Use, command: Command | None) -> _Key:
-    """What a frame says, so that a newer one can take its place."""
+    """Key of a frame: a newer frame with the same key takes its place."""
     if use in _LATEST_COUNTS or command in _LATEST_COMMANDS:
         return frame.can_id, b""
     if use is Use.STATE:

@@ -1,7 +1,8 @@
-"""The radios of a gateway: every action that sends to one of them waits for its turn (rule 9).
+"""The radios of a gateway: every action that sends to one of them waits for its turn (protocol rule 9).
 
-Each has a queue and a meter of its own (`radio_port`). What comes from a radio is measured before it is taken; what the
-parts want to send to one is taken out of the actions of the turn, and what has its turn now takes its place.
+Each radio has a queue and a meter of its own (`radio_port`). A frame from a radio is measured before any part takes it.
+Frames that the parts send to a radio are taken out of the actions of this call and queued; the frames whose turn it is
+now take their place.
 """
 
 from heronry_agent.core.radio_port import RadioPort
@@ -12,7 +13,7 @@ from heronry_wire.sansio import NEVER_NS, Received, Send, Withdraw
 
 
 class Radios:
-    """The radios of one PE; most have none."""
+    """The radios of one PE; most PEs have none."""
 
     def __init__(self, turn: Turn, index: TableIndex) -> None:
         self._turn = turn
@@ -24,7 +25,7 @@ class Radios:
 
     @property
     def next_ns(self) -> int:
-        """When `passed` has something to send, if nothing comes before."""
+        """Time in ns at which `passed` has something to send, if no event comes before."""
         return min((radio.next_ns for radio in self.ports.values()), default=NEVER_NS)
 
     def measure(self, event: Received) -> None:
@@ -34,9 +35,9 @@ class Radios:
             self._turn.out += radio.heard(frame, self._turn.now_ns)
 
     def passed(self, out: list[Action]) -> list[Action]:
-        """Let what goes to a radio wait for its turn, and whatever has its turn now go; gives what remains to be done.
+        """Queue the frames to radios, and add those whose turn it is; gives the actions that remain to be done.
 
-        What is passed on is as old as it is: after a pause of this process nothing stale goes by radio.
+        A forwarded frame keeps its age: after a pause of this process no stale frame goes by radio.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

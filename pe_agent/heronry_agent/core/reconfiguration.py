@@ -1,24 +1,25 @@
-"""Which modules run here, and how a configuration takes over from the one before: the PE's half of rule 4.
+"""Which modules run on a PE, and how a configuration replaces the one before: the PE's half of protocol rule 4.
 
-    UNCONFIGURED  nothing has been taken since the start
-    BROKEN        step BREAK: what the new slice lacks has stopped, what stays is rewired; nothing new runs yet, and
-                  nothing is sent that was not sent before
-    PARTIAL       step GO: the rest runs, but for DEMUX branches that are new here; those are held
+    UNCONFIGURED  no step has been taken since the start
+    BROKEN        step BREAK: modules that the new slice lacks have stopped, modules that stay are rewired; no new
+                  module runs yet, and no datum is sent that was not sent before
+    PARTIAL       step GO: the rest runs, except DEMUX branches that are new here; those are held
     ACTIVE        step GO_ALL, or GO with nothing held
 
 A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
-and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period). A pause between two steps is
-made up for by the next one that is heard. A restart runs nothing.
+and doubled commands do no harm, whether the manager repeats them as ACTIVATE or, each period, as LEASE. After a missed
+step the next one that is heard takes both. After a restart nothing runs.
 
 A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
-mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
-branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it, or this PE is in
-doubt (`permission`).
+mode may give variables that no module reads any more, and read variables that no module sends. With a single GO_ALL
+both happen together. A DEMUX branch that ran here until BREAK is not held at GO, in whatever mode it comes back: no
+other PE has it, or this PE is in doubt (`output_authorization`).
 
-A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where the
-operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it
-begins again in this one (`forgive`). One that *rests*, because no manager is heard, starts again where this
-configuration is named again (`without_manager`), or where a new one wants it.
+A module that failed stays stopped until the next epoch that wants it: the manager has the report, and decides. If the
+operator has cleared the module and another manager becomes active before there was such an epoch, that manager may know
+neither of the fault nor of the CLEAR: the module begins again in the present epoch (`forgive`). A module that *rests*,
+because no manager is heard, starts again when a LEASE names this configuration again (`without_manager`), or when a new
+configuration wants it.
 """
 
 from collections.abc import Iterable
@@ -33,9 +34,9 @@ from heronry_wire.state_frames import PeState
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """What taking a step means: modules to stop, then to start (with their modes); `rewire` if the epoch is new.
+    """What to do for a step: modules to stop, then to start (with their modes); `rewire` if the epoch is new.
 
-    keep: those that stop and will start again in another mode; drop: those kept before and not wanted any more.
+    keep: modules that stop and will start again in another mode; drop: modules kept before and not wanted any more.
     """
 
     stop: tuple[int, ...] = ()
@@ -47,7 +48,7 @@ class Moves:
 
 @dataclass
 class Reconfiguration:
-    """What runs now; `live` holds the mode of each module that was started and has not stopped."""
+    """The running configuration of one PE; `live` holds the mode of each module that has started and not stopped."""
 
     index: TableIndex
     running: Configured = UNCONFIGURED
@@ -55,13 +56,13 @@ class Reconfiguration:
     live: dict[int, int] = field(default_factory=dict)
     held: frozenset[int] = frozenset()
     failed: set[int] = field(default_factory=set)
-    resting: frozenset[int] = frozenset()  # ran, and stopped because no manager is heard
-    _kept: frozenset[int] = frozenset()  # stopped, and wanted in another mode
+    resting: frozenset[int] = frozenset()  # modules that stopped because no manager is heard
+    _kept: frozenset[int] = frozenset()  # modules that stopped and are wanted in another mode
     _wanted: dict[int, int] = field(default_factory=dict)
 
     @property
     def state(self) -> PeState:
-        """State that the state frame tells."""
+        """State that the state frame reports."""
         if self.running.epoch == NO_EPOCH:
             return PeState.UNCONFIGURED
         if self.step is Step.BREAK:
@@ -73,7 +74,7 @@ class Reconfiguration:
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:
-        """Take `step` of a configuration, running or staged; None if it had been taken before."""
+        """Take `step` of a configuration, running or staged; gives what to do, None if the step was taken before."""
         rewire = target is not self.running
         if not rewire and step <= self.step:
             return None
@@ -89,7 +90,7 @@ class Reconfiguration:
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def rest(self) -> Moves:
-        """Stop what runs and is expendable."""
+        """Give what stops the expendable modules that run."""
         stop = tuple(sorted(self.expendable_live()))
         for module in stop:
             del self.live[module]
@@ -97,14 +98,14 @@ class Reconfiguration:
         return Moves(stop)
 
     def resume(self) -> Moves:
-        """Start what rests."""
+        """Give what starts the resting modules again."""
         start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
         self.live.update(start)
         self.resting = frozenset()
         return Moves(start=start)
 
     def expendable_live(self) -> frozenset[int]:
-        """Modules that run, and stop where no manager is heard."""
+        """Modules that run now and stop when no manager is heard."""
         expendable = self.running.slice.expendable
         return expendable.intersection(self.live) if expendable else expendable
 
@@ -116,7 +117,7 @@ class Reconfiguration:
         return True
 
     def forgive(self, modules: Iterable[int]) -> Moves:
-        """Let modules that have failed run again, as far as the present step goes; what would rest goes on resting."""
+        """Let failed modules run again, as far as the present step allows; expendable ones rest while others rest."""
         forgiven = self.failed.intersection(modules)
         self.failed -= forgiven
         if self.resting:

@@ -1,9 +1,9 @@
-"""What this PE says of itself to its manager and its neighbours: state frames, both pages (rule 1).
+"""How a PE reports its state to the manager and to other PEs: state frames, both pages (protocol rule 1).
 
 Page 0 goes out on every port once in the heartbeat period of that bus, at this node's own place in the period, so that
-34 PEs do not all start at once; page 1 follows every tenth. What changes is said at once, out of turn, on every port:
-page 0 when a step is taken, page 1 when something was staged or refused. Nobody repeats these frames for us: an agent
-that hangs falls silent.
+34 PEs do not all start at once; page 1 follows every tenth. A change is reported immediately, out of turn, on every
+port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent itself sends these
+frames: an agent that hangs falls silent.
 
 Each port counts its own page 0 frames, so that a gap in the sequence is a loss on that bus.
 
@@ -21,12 +21,12 @@ from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Send
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, joined_state, split_state
 
-# Number of a page 0, or None for a page 1; what it says beside the digest; that digest: the tag.
+# Number of a page 0 (None for a page 1), its content without the digest, and the digest: gives the tag.
 Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
-    """All that state frames tell, but incarnation and sequence; where nothing is given, of a PE that runs nothing."""
+    """Content of the state frames without incarnation and sequence; the defaults are of a PE that runs nothing."""
 
     state: PeState = PeState.UNCONFIGURED
     flags: PeFlags = PeFlags(0)
@@ -39,10 +39,10 @@ class Facts(NamedTuple):
 
 
 class Reporting:
-    """Beats of one PE."""
+    """Makes the state frames of one PE."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
-        """The first state frames are due at this node's place in the next period; `seal` tags pages (rule 11)."""
+        """The first state frames are due at this node's place in a period; `seal` tags pages (protocol rule 11)."""
         self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
         self._periods_ns = [port.heartbeat_ns for port in index.table.ports]
@@ -55,7 +55,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
-        """Send what is due."""
+        """Give the state frames that are due."""
         sends = []
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
@@ -68,7 +68,7 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Say now, on every port, what has changed or was asked for."""
+        """Give these pages now, on every port: after a change, or on request."""
         sends = []
         for port in self._ports:
             if page_0:
@@ -93,7 +93,7 @@ class Reporting:
         return self._said(port, None, page.encode())
 
     def _said(self, port: int, beat: int | None, data: bytes) -> Send:
-        """Send a page; with a key it is tagged, for the manager alone."""
+        """Make the frame of a page; with a key it carries a tag on the uplink, and 0 in its place on other ports."""
         if self._seal is not None:
             said, digest = split_state(data)
             data = joined_state(said, self._seal(beat, said, digest) if port == self._uplink else 0)

@@ -1,15 +1,14 @@
 """Whether a module that has failed is built anew, when, and when it is given up.
 
-    running    nothing is held against it, or not enough
-    waiting    it has failed and begins again at a time that `due` gives: at once the first time, then after
+    running    it has not failed, or not more often than its budget allows
+    waiting    it has failed and begins again at a time that `due` gives: immediately the first time, then after
                BACK_OFF_NS, doubled each time
     given up   it has failed more than `budget` times with no more than FORGIVEN_NS between one failure and the next.
-               That is the last that this file knows of it: the manager is told, and decides. Wanted again, it has a new
-               budget
+               Its record is dropped: the manager has the report, and decides. Started again, it has a new budget
 
-Who is charged for the end of a partition: the module that was being stepped, unless it has been stopped since; if none
-was, all that lived in it. The others begin again at once, for nothing. Times are the caller's; a restart of the agent
-forgets everything.
+The end of a partition is a failure of the module that was being stepped, unless it has been stopped since; if there is
+no such module, of all modules in the partition. The others begin again immediately, without a failure. The caller gives
+the times; a restart of the agent drops all records.
 """
 
 from dataclasses import dataclass
@@ -40,7 +39,7 @@ class Restarts:
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """A module has failed: how often by now, or None when it is given up."""
+        """Record a failure of a module; gives the number of failures by now, or None when it is given up."""
         record = self._records.get(module)
         known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
         if known >= budget:
@@ -51,17 +50,17 @@ class Restarts:
         return known + 1
 
     def begin_at(self, module: int, at_ns: int) -> None:
-        """Let a module begin again at a time."""
+        """Let a module begin again at a time in ns."""
         self._begin_ns[module] = at_ns
         self._find_next()
 
     def forget(self, module: int) -> None:
-        """Hold nothing against a module."""
+        """Drop the record of a module."""
         self._records.pop(module, None)
         self.cancel(module)
 
     def cancel(self, module: int) -> None:
-        """A module is not to begin again by itself, or has begun."""
+        """Cancel the restart of a module for which it waits."""
         self._begin_ns.pop(module, None)
         self._find_next()
 

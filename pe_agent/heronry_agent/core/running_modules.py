@@ -1,21 +1,23 @@
-"""The modules of one PE at work: released by the schedule, fed from the mailboxes, heard in data frames and faults.
+"""The modules of one PE at work: released by the schedule, fed from the mailboxes, with data frames and faults out.
 
 A module exists from its StartModule to its StopModule. In between the schedule releases it, step by step. Its outputs
-go to the mailboxes of this PE and, where the slice says so, on the buses; what it wants its device to do is done, if it
-may, and echoed; what it reports becomes a fault.
+go to the mailboxes of this PE and, where the slice says so, on the buses; a command to its device is executed, if it is
+authorized, and echoed; a report becomes a fault.
 
-A module *fails* when it raises, gives or writes what cannot be carried, hangs, or its partition ends under it. It is
-told and built anew as often as its table allows (`restarts`), then stopped: the manager hears of it and decides. One
-that cannot be built, or that takes too long again and again, is stopped at once. A partition in which a module hangs is
-ended by force; what else lived in it begins again at once, and other partitions notice nothing.
+A module *fails* when it raises an exception, gives or writes a value that cannot be carried, hangs, or its partition
+ends. The failure is reported, and the module is built anew as often as the table allows (`restarts`), then stopped: the
+manager has the report and decides. A module that cannot be built, or that takes too long again and again, is stopped
+immediately. A partition in which a module hangs is ended by force; its other modules begin again immediately, and other
+partitions are not affected.
 
-Rule 6 is asked at the last moment, three times: a DEMUX branch is not stepped without permission, since it may speak to
-its device itself; what it wants of the device when it answers is not done without permission, since this process may
-have stood still in between; and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
+The output authorization (protocol rule 6) is checked at the last moment, in three places: a DEMUX branch is not stepped
+without it, since the branch may command its device itself; a command to the device in its answer is not executed
+without it, since this process may have stood still in between; and a module that may run elsewhere computes and feeds
+this PE, but without authorization its frames are not sent.
 
-An answer of a module that has been stopped since it was asked is dropped. While this PE holds back its own exclusive
-outputs, and for a second after that, no report is believed: a surface that nobody drives does not follow, and that is
-not its servo's fault. The module that judged so is built anew, and judges afresh.
+An answer of a module that has been stopped since its step began is dropped. While this PE holds back its own exclusive
+outputs, and for a second after that, no report is accepted: a surface that no PE drives does not follow, and that is
+not a fault of its servo. The module that reported it is built anew, without what it has observed.
 """
 
 from dataclasses import dataclass
@@ -64,7 +66,7 @@ class _Running:
 
 
 class RunningModules:
-    """Starts, steps and stops the modules."""
+    """Starts, steps and stops the modules of one PE."""
 
     def __init__(
         self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, output_authorization: OutputAuthorization
@@ -86,7 +88,7 @@ class RunningModules:
         self.load_percent = 0
 
     def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
-        """Stop, rewire and start what a step of a configuration asks for; `wanted` is None where wires stay."""
+        """Stop, rewire and start modules as a step of a configuration demands; `wanted` is None where wires stay."""
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
@@ -108,16 +110,16 @@ class RunningModules:
 
     @property
     def exclusive_sources(self) -> frozenset[int]:
-        """Sources that this PE publishes, and that another one might."""
+        """Sources that this PE publishes and that another PE might publish."""
         return self._index.movable.intersection(self._publish)
 
     @property
     def next_ns(self) -> int:
-        """When to call `tick`, if nothing comes before."""
+        """Time in ns at which to call `tick`, if no event comes before."""
         return min(self.schedule.next_ns, self.restarts.next_ns)
 
     def tick(self) -> None:
-        """Begin again what has waited for it, and ask for what steps have spent that should have ended."""
+        """Begin modules whose waiting time is over, and have the steps measured that should have ended."""
         for module in self.restarts.due(self._turn.now_ns):
             self._begin(module)
         self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
@@ -137,7 +139,7 @@ class RunningModules:
             self._turn.out.append(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
 
     def stepped(self, event: Stepped) -> None:
-        """A module has computed one period."""
+        """Take the answer of a module that has computed one period."""
         if not self.schedule.end(event.module, event.release, event.spent_ns):
             self._turn.count("stale answer", event.module)
             return
@@ -159,7 +161,7 @@ class RunningModules:
                 self._give_up(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
-        """The device of a module has moved: tell whoever follows it."""
+        """The device of a module has moved: send its echo."""
         running = self._running.get(event.module)
         if running is None:
             return
@@ -167,7 +169,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """A module has failed, or its partition under it."""
+        """A module or its partition has failed: build anew or stop what failed."""
         match event:
             case StepFailed(module, release, reason):
                 if self.schedule.end(module, release, 0):
@@ -183,12 +185,12 @@ class RunningModules:
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def not_ready(self, event: NotReady) -> None:
-        """A module could not be stepped before now: let it see what there is now."""
+        """A module could not be stepped before now: make it due now, with the inputs of now."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
     def measured(self, event: StepMeasured) -> None:
-        """A step has not ended, and has spent so much: one that hangs ends with its partition."""
+        """Take the time that an unfinished step has spent: a partition whose module hangs is ended."""
         if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
             return
         partition = self._index.modules[event.module].partition
@@ -198,7 +200,7 @@ class RunningModules:
         )
 
     def _failed(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """A module has failed: it is built anew, or given up."""
+        """Build a failed module anew, or give it up."""
         running = self._running.get(module)
         if running is None or module in self.restarts.waiting:
             return
@@ -213,7 +215,7 @@ class RunningModules:
         self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
 
     def _give_up(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Stop a module that cannot go on, and say so."""
+        """Stop a module that cannot go on, and report it."""
         if not self._reconfiguration.drop(module):
             return
         name = self._running[module].entry.name
@@ -224,17 +226,17 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the EMCYs that are due again toward the manager."""
+        """Send the EMCYs that are due again to the manager."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def cleared(self, kind: int, index: int) -> None:
-        """The operator takes an element for well again."""
+        """Clear the faults of an element, as the operator commanded."""
         self._tell(self.faults.clear(kind, index))
 
     def new_mastership(self) -> None:
-        """Another term has begun: what is still asked for, and what has failed here, that manager may not know.
+        """A new term has begun: send the phase request and the faults again, since that manager may not know them.
 
-        What was cleared, and has not been given anew before that reign ended, begins again.
+        A failed module that was cleared, and has not been started since, begins again.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -283,13 +285,13 @@ class RunningModules:
         self._halt(module, keep=keep)
 
     def _halt(self, module: int, *, keep: bool = False) -> None:
-        """Let a module compute no more, for now or for good."""
+        """Stop the steps of a module, for now or for good."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """A partition is gone: charge the culprit, or all of its modules, and let the others begin again."""
+        """A partition has ended: the culprit counts as failed, or all modules without one; the others begin again."""
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:
             if culprit in (None, module):
@@ -299,7 +301,7 @@ class RunningModules:
                 self.restarts.begin_at(module, self._turn.now_ns)
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Which modules each one reads here."""
+        """Give for each module the modules on this PE whose outputs it reads."""
         here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:
@@ -310,7 +312,7 @@ class RunningModules:
         return chains
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
-        """Do what a module wants of its device, if it still may."""
+        """Execute the commands of a module to its device, if they are still authorized."""
         if writes and running.entry.demux and not self._output_authorization.allows(self._turn.now_ns):
             self._turn.count("write held", running.entry.index)
             self._held_ns = self._turn.now_ns
@@ -318,7 +320,7 @@ class RunningModules:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
-        """Work out anew what depends on which modules run."""
+        """Compute anew what depends on which modules run."""
         self.has_exclusive_output = any(
             r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
             for r in self._running.values()
@@ -375,7 +377,7 @@ class RunningModules:
         if index is None:
             self._turn.count("request of an unknown phase", running.entry.index)
             return
-        frames = self.phase_requests.asked(running.entry.index, index, self._turn.now_ns)
+        frames = self.phase_requests.requested(running.entry.index, index, self._turn.now_ns)
         if frames:
             self._turn.note("phase", f"module {running.entry.name} asks for phase {phase}")
         self._tell(frames)
@@ -386,5 +388,5 @@ class RunningModules:
         return bool(frames)
 
     def _tell(self, frames: list[Frame]) -> None:
-        """Send toward the manager."""
+        """Send frames on the uplink."""
         self._turn.out += [Send(self._index.uplink, frame) for frame in frames]

@@ -1,21 +1,24 @@
-"""When each module is due: one grid per module, exact for ever, never a burst, and no step that is waited for for ever.
+"""When each module is due: one grid per module, exact at all times, without bursts, and with a limit for every step.
 
 The k-th release of a module is k periods after it was started, computed from k and not from the one before: a rate of
-30 Hz has no period of whole nanoseconds, and does not drift for that. Of releases that have passed while the PE was
+30 Hz has no period of whole nanoseconds, and does not drift for that. Of the releases that have passed while the PE was
 busy or paused, one is made up and the others are skipped and counted (`overruns`).
 
-What is due at the same instant begins in the order of the spec: a partition is asked for all of that at once and
-computes it step by step, partitions compute side by side. A partition that has not answered everything is asked for
-nothing else. So that a chain of modules on one PE passes a value on within one instant, a module waits for those it
-reads here and that were due just before it: until they have answered, at most a quarter of its own period. Whoever
-hangs or is late thus costs its readers its value, and nothing else but what shares its partition.
+Modules that are due at the same instant begin in the order of the spec: a partition receives all of its steps together
+and computes them one by one; partitions compute side by side. A partition that has not answered all of its steps
+receives no other. So that a chain of modules on one PE passes a value on within one instant, a module waits for the
+modules whose outputs it reads here and that were due just before it: until they have answered, at most a quarter of its
+own period. A module that hangs or is late thus costs its readers its value, and stops only the modules of its own
+partition.
 
-What a step has *spent* is the time it took without the time for which the processor was not its own: a machine that is
-starved, or stood still, accuses nobody. Somebody else must measure that; this file says when and what it means.
+What a step has *spent* is the time it took without the time for which the processor was not its own: no module is
+reported because the machine was overloaded or stood still. The driver measures it; this file says when, and what the
+result means.
 
-    overruns    OVERRUNS_IN_A_ROW steps, one after the other, have each spent more than a period: it will never keep up
+    overruns    OVERRUNS_IN_A_ROW steps, one after the other, have each spent more than a period: the module will not
+                keep up
     hangs       one step has spent FRESH_PERIODS periods, after which its output is not fresh any more, and at least
-                HUNG_NS. `overdue` asks for the measurement
+                HUNG_NS. `overdue` has the step measured
 """
 
 from collections import Counter
@@ -31,11 +34,11 @@ HUNG_NS = 100_000_000
 NS_MHZ = 1_000_000_000_000
 """Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""
 
-_PATIENCE = 4  # parts of a period: one of them is waited
+_PATIENCE = 4  # a module waits for this part of its period: one in so many
 
 
 def hung_ns(rate_mhz: int) -> int:
-    """What a step of a module of this rate has spent when it counts as one that hangs."""
+    """Time in ns that a step of a module of this rate may spend before the module counts as hanging."""
     return max(HUNG_NS, FRESH_PERIODS * NS_MHZ // rate_mhz)
 
 
@@ -57,7 +60,7 @@ class _Grid:
         self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
-        """Move on to the first release after now; returns how many were passed over."""
+        """Move on to the first release after now; returns how many were skipped."""
         following = self.index + 1
         index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
         while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
@@ -73,7 +76,7 @@ class _Step:
     module: int
     release: int
     due_ns: int
-    look_ns: int  # when to ask what it has spent
+    look_ns: int  # when to have it measured
 
 
 class Schedule:
@@ -82,7 +85,7 @@ class Schedule:
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
         self._steps: dict[str, dict[int, _Step]] = {}  # by partition and module
-        self._due_ns: dict[int, int] = {}  # when the release was due that was taken and not begun yet
+        self._due_ns: dict[int, int] = {}  # due time of a release that was taken and not begun yet
         self._producers: Mapping[int, frozenset[int]] = {}
         self._releases = 0
         self._next_ns: int | None = NEVER_NS  # None: something has changed
@@ -90,7 +93,7 @@ class Schedule:
 
     @property
     def next_ns(self) -> int:
-        """When a module is due, or what it spends is to be asked for."""
+        """Time in ns at which a module is due, or a step is to be measured."""
         if self._next_ns is None:
             self._next_ns = self._find_next()
         return self._next_ns
@@ -114,14 +117,14 @@ class Schedule:
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Say which modules each one reads here."""
+        """Set for each module the modules on this PE whose outputs it reads."""
         self._producers = producers
         self._next_ns = None
 
     def due(self, now_ns: int) -> Iterator[int]:
         """Take the modules to be stepped now, the earliest due first, of equals the first of the spec.
 
-        Each is to be begun, or left out, before the next is asked for.
+        The caller calls `begin` for each, or skips it, before it takes the next one.
         """
         if now_ns < self.next_ns:
             return
@@ -148,8 +151,8 @@ class Schedule:
         return self._releases
 
     def end(self, module: int, release: int, spent_ns: int) -> bool:
-        """A module has answered; False when it was not asked, or has been stopped since."""
-        grid = self._asked(module, release)
+        """Take the answer to a step; False where no such step waits, or the module has been stopped since."""
+        grid = self._awaiting(module, release)
         if grid is None:
             return False
         self._forget(grid)
@@ -159,8 +162,8 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """A module could not be stepped, and now can: it is due at once. False as in `end`."""
-        grid = self._asked(module, release)
+        """A module could not be stepped, and now can: it is due now. False as in `end`."""
+        grid = self._awaiting(module, release)
         if grid is None:
             return False
         self._forget(grid)
@@ -174,7 +177,7 @@ class Schedule:
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Modules and releases whose spending is to be asked for now."""
+        """Modules and releases of the steps to be measured now."""
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns
@@ -183,8 +186,8 @@ class Schedule:
         return [(step.module, step.release) for step in found]
 
     def hangs(self, module: int, release: int, spent_ns: int, now_ns: int) -> bool:
-        """Take what a step has spent so far; tells whether that is too much."""
-        grid = self._asked(module, release)
+        """Take the time in ns that a step has spent so far; tells whether the module hangs."""
+        grid = self._awaiting(module, release)
         if grid is None:
             return False
         left_ns = grid.hung_ns - spent_ns
@@ -193,7 +196,7 @@ class Schedule:
         return left_ns <= 0
 
     def _find_next(self) -> int:
-        """Work out `next_ns`: once for each step, so whoever cannot be the first is not looked at any closer."""
+        """Find `next_ns`: this runs for each step, so a module that cannot be the first is not examined further."""
         next_ns = NEVER_NS
         for grid in self._grids.values():
             if grid.due_ns < next_ns and grid.partition not in self._steps:
@@ -203,20 +206,20 @@ class Schedule:
                 next_ns = min(next_ns, step.look_ns)
         return next_ns
 
-    def _asked(self, module: int, release: int) -> _Grid | None:
-        """Grid of a module whose answer is waited for."""
+    def _awaiting(self, module: int, release: int) -> _Grid | None:
+        """Grid of a module if this release waits for its answer, else None."""
         grid = self._grids.get(module)
         step = None if grid is None else self._steps.get(grid.partition, {}).get(module)
         return grid if step is not None and step.release == release else None
 
     def _forget(self, grid: _Grid) -> None:
-        """Wait for no answer of a module any more."""
+        """Drop the step of a module that waits for its answer."""
         steps = self._steps.get(grid.partition, {})
         if steps.pop(grid.module, None) is not None and not steps:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """When a module of an idle partition may be released, as things stand."""
+        """Time in ns at which a module of an idle partition may be released, if no answer comes."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 

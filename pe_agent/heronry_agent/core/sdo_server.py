@@ -14,24 +14,24 @@ States
                  the next segment is awaited; a wrong toggle bit ends the transfer
     BlockDownload
                  segments of a block come; `is_complete` once the last one is here, and the end is awaited
-    BlockUpload  OPENED until the client says start, SENDING segments, WAITING for the answer to a block, CLOSING:
+    BlockUpload OPENED until the client sends start, SENDING segments, WAITING for the answer to a block, CLOSING:
                  the end was sent, the client's answer is awaited
 
 One transfer at a time. Requests of two clients cannot be told apart, since they have one identifier: a new initiate
-takes the place of whatever was under way, and the other client's next request does not fit and is aborted. (Within a
-block download every frame is a segment; there the second client must wait for the end or for the time-out.)
+replaces the transfer under way, and the other client's next request does not fit and is aborted. (Within a block
+download every frame is a segment; there the second client must wait for the end or for the time-out.)
 
 What is written reaches the object at the end of its transfer, complete and checked, or not at all.
 
 Lost, late, doubled. A request or an answer that is lost ends an expedited or segmented transfer: the client gives up,
-and so does this server after TIME_OUT_NS, with an abort. In a block a lost segment is sent again: what comes after a
-gap is dropped, and the answer names the last one in order. If the last segment of a block itself is lost, that answer
+and so does this server after TIME_OUT_NS, with an abort. In a block a lost segment is sent again: segments after a gap
+are dropped, and the answer names the last one in order. If the last segment of a block itself is lost, that answer
 comes after BLOCK_PAUSE_NS. A forged request does what a true one does. Garbage is answered with an abort, or not at
-all; nothing here raises. A restart knows of no transfer, and aborts what is continued.
+all; nothing here raises. After a restart the server knows of no transfer, and aborts one that the client continues.
 
 Slow path: each request is answered with at most one frame; an upload by block sends one segment at a time, and leaves
 `segment_ns` to the rest of the bus. A block to this node has SEGMENTS_PER_BLOCK segments at most, so that a client does
-not hold the bus for longer: SDO outranks some of the data.
+not hold the bus for longer: SDO has a higher priority than some of the data.
 """
 
 from collections.abc import Callable
@@ -103,7 +103,7 @@ class Objects(Protocol):
         """Value of an object."""
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written to an object, asked before the first one comes; length where announced."""
+        """Most bytes that may be written to an object, called before the first byte comes; `length`: as announced."""
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
         """Take the value of an object."""
@@ -195,7 +195,7 @@ class SdoServer:
         self.next_ns = self._limit_ns = NEVER_NS
 
     def request(self, message: bytes, now_ns: int) -> bytes | None:
-        """Take a request; gives the answer, if there is one."""
+        """Take a request at a time in ns; gives the answer, if there is one."""
         if len(message) != MESSAGE_BYTES:
             return None
         if command_of(message) == ABORT:
@@ -211,7 +211,7 @@ class SdoServer:
         return answer
 
     def tick(self, now_ns: int) -> bytes | None:
-        """Time has come: the next segment of an upload, an answer to an interrupted block, or the end of patience."""
+        """Give what is due: the next segment of an upload, the answer to an interrupted block, or a time-out abort."""
         transfer = self._transfer
         if transfer is None or now_ns < self.next_ns:
             return None
@@ -224,7 +224,7 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Give the client time anew; be woken before that where something else is to be done."""
+        """Restart the time-out; `wake_ns`: when `tick` has something to do before that."""
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 
@@ -233,7 +233,7 @@ class SdoServer:
         return abort_message(index, sub_index, reason)
 
     def _unknown(self, message: bytes, _now_ns: int) -> bytes:
-        """A request that does not exist, or has no place here: it ends what is under way, too."""
+        """Abort for a request that does not exist, or does not fit the transfer, which ends too."""
         transfer = self._transfer
         index, sub_index = read_head(message)[:2] if transfer is None else (transfer.index, transfer.sub_index)
         return self._abort(index, sub_index, Abort.COMMAND)
@@ -255,7 +255,7 @@ class SdoServer:
         return with_data(DOWNLOAD_ANSWER, index, sub_index)
 
     def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
-        """Everything has come: hand it over, and say how that went; the transfer is at its end."""
+        """Write the complete value to its object; gives the answer or an abort, and ends the transfer."""
         refusal = self._objects.write(index, sub_index, data)
         if refusal is not None:
             return self._abort(index, sub_index, refusal)
@@ -336,7 +336,7 @@ class SdoServer:
         return None
 
     def _acknowledge(self, transfer: _BlockDownload) -> bytes:
-        """Say how far the block has come; the next segment of the client has number 1 again."""
+        """Acknowledge the segments received in order; the next segment of the client has number 1 again."""
         received, transfer.sequence = transfer.sequence, 0
         return segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, bytes((received, SEGMENTS_PER_BLOCK)))
 
@@ -381,7 +381,7 @@ class SdoServer:
         return with_number(answer, index, sub_index, len(data))
 
     def _send_segment(self, transfer: _BlockUpload, now_ns: int) -> bytes:
-        """Send the next segment of the block; the one after it when the bus has had its turn."""
+        """Send the next segment of the block; the one after it is due after `segment_ns`."""
         start = transfer.at + transfer.sent * SEGMENT_BYTES
         part = transfer.data[start : start + SEGMENT_BYTES]
         transfer.sent += 1
@@ -396,7 +396,7 @@ class SdoServer:
         return segment(command, part)
 
     def _acknowledged(self, transfer: _BlockUpload, received: int, size: int, now_ns: int) -> bytes:
-        """So many segments of the block have come in order, perhaps before all went out; `size` is the next one's."""
+        """The client has `received` segments of the block in order, perhaps not all were sent; `size`: of the next."""
         if received > transfer.sent:
             return self._abort(transfer.index, transfer.sub_index, Abort.SEQUENCE)
         if not 0 < size <= MOST_SEGMENTS:
@@ -412,7 +412,7 @@ class SdoServer:
 
 
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
-    """Tell whether what has come has a length that was announced, or that the object may have."""
+    """Tell whether the data received have the announced length, or one that the object may have."""
     length = len(transfer.data)
     if transfer.length is None:
         return length <= transfer.room

@@ -22,12 +22,12 @@ class SliceReader:
         self.missing_images = missing_images
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
-        """Find the slice of a contingency, and its digest; `digest` is that of the whole configuration."""
+        """Give the slice of a contingency and its digest, None if not on board; `digest`: of the configuration."""
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
-        """Decode and check the bytes of a slice that was announced with this digest."""
+        """Decode and check the bytes of a slice that was announced with this digest; gives the slice or why not."""
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST
         try:
@@ -60,7 +60,7 @@ class SliceReader:
         return 0 < mask < 1 << len(self._index.ports)
 
     def _is_wired(self, module: ModuleSlice, supplied: set[int]) -> bool:
-        """Tell whether every wired leaf reads its own variable from somebody."""
+        """Tell whether every wired leaf reads its own variable from a source that is supplied."""
         variables = self._index.leaf_variables(module.module, module.mode)
         for variable, source in zip(variables, module.sources, strict=True):
             if source is None:

@@ -1,8 +1,9 @@
 """What is to run next: from PREPARE and SLICE frames to a staged configuration.
 
-    nothing      no PREPARE has been obeyed, or the last one was refused
+    nothing      no PREPARE has been accepted, or the last one was refused
     collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, doubled, or not
-                 (a contingency that is on board is complete at once; one that is not is asked for: NOT_ON_BOARD)
+                 (a contingency that is on board is complete immediately; of one that is not the PE requests the slice:
+                 NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
 A newer epoch, or one from a higher term, replaces whatever was collected or staged; a repeated command about what is
@@ -10,11 +11,11 @@ already staged is answered again and changes nothing else. A head that announces
 stages it at once. For any other the body follows, unless the manager thinks that it runs here already: INCOMPLETE is
 answered whenever frames have stopped coming for half a heartbeat period while some are missing.
 
-An answer is a page 1 of the state; every method tells whether one is due now. It names the epoch that was last asked
-for, with its digest once it is staged, and until then with none and the reason: so the manager knows which question is
-answered. Late: what names an older epoch than is collected is answered with STALE_EPOCH. After a pause what waited is
-taken in its order; what the manager had no answer to it has said again, which changes nothing. A restart loses all of
-this: the PE is then unconfigured, and the manager starts again.
+An answer is a page 1 of the state; every method tells whether one is due now. Page 1 names the epoch of the last
+PREPARE, with its digest once it is staged, and until then without one and with the reason: so the manager knows which
+command is answered. Late: a PREPARE of an older epoch than the one collected is answered with STALE_EPOCH. After a
+pause the frames that waited are taken in their order; the manager has repeated those without an answer, which changes
+nothing. A restart loses all of this: the PE is then unconfigured, and the manager starts again.
 """
 
 from dataclasses import dataclass
@@ -72,17 +73,17 @@ class Staging:
     """Collects the slices of one PE."""
 
     def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
-        """`quiet_ns` is how long the frames of a body may pause before the missing ones are asked for."""
+        """`quiet_ns` is how long the frames of a body may pause before the PE reports INCOMPLETE."""
         self.reader = reader
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
-        self._term = 0  # the one whose PREPARE was last accepted
-        self.staged = UNCONFIGURED  # stays when it has been taken: page 1 goes on naming it until the next PREPARE
+        self._term = 0  # term of the last PREPARE that was accepted
+        self.staged = UNCONFIGURED  # stays when its steps are taken: page 1 names it until the next PREPARE
         self.reason = Reason.NONE
         self.ask_ns = NEVER_NS  # when to say INCOMPLETE
 
     def prepare(self, command: Prepare, running: Configured) -> bool:
-        """PREPARE was obeyed."""
+        """Take an accepted PREPARE."""
         epoch = command.epoch
         if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
             self.reason = Reason.NONE
@@ -100,7 +101,7 @@ class Staging:
         return command.contingency != 0 and self._take_from_board(command)
 
     def _take_from_board(self, command: Prepare) -> bool:
-        """Stage the slice that this number stands for, or ask for it."""
+        """Stage the slice of this contingency number, or refuse with NOT_ON_BOARD."""
         collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
         assert collection is not None
         if found is None:
@@ -111,7 +112,7 @@ class Staging:
         return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
-        """The head of this PE's slice came from the reigning manager."""
+        """Take the head of this PE's slice, from the active manager."""
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return self._is_about(command.epoch_low, self.staged.epoch)
@@ -125,7 +126,7 @@ class Staging:
         return self._check(now_ns)
 
     def body(self, command: SliceBody, now_ns: int) -> bool:
-        """Five bytes of this PE's slice came from the reigning manager."""
+        """Take five bytes of this PE's slice, from the active manager."""
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return False
@@ -135,14 +136,14 @@ class Staging:
         return collection.head is not None and self._check(now_ns)
 
     def tick(self, now_ns: int) -> bool:
-        """Let time pass: the frames of a body may have stopped coming."""
+        """Report INCOMPLETE if the frames of a body have stopped coming."""
         if now_ns < self.ask_ns:
             return False
         self.ask_ns = NEVER_NS
         return self.refuse(Reason.INCOMPLETE)
 
     def refuse(self, reason: Reason) -> bool:
-        """Keep the reason for page 1."""
+        """Keep the reason for page 1, which is due now."""
         self.reason = reason
         return True
 
@@ -161,18 +162,18 @@ class Staging:
         return epoch != NO_EPOCH and epoch_low == epoch & 0xFF
 
     def _newest(self) -> Prepare | Configured | None:
-        """What was prepared last and has not been taken for stale."""
+        """The last PREPARE that was not refused as stale, or the configuration staged from it."""
         if self._collection is not None:
             return self._collection.prepare
         return self.staged if self.staged.epoch != NO_EPOCH else None
 
     def _is_superseded(self, command: Prepare) -> bool:
-        """A late PREPARE of the same reign must not undo a later one."""
+        """Tell whether a later PREPARE of the same term was accepted, which this one must not undo."""
         newest = self._newest()
         return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
 
     def _check(self, now_ns: int) -> bool:
-        """Stage what is complete; wait on for what is not."""
+        """Stage the slice if it is complete and legal; otherwise wait, or refuse it."""
         collection = self._collection
         assert collection is not None
         assert collection.head is not None

@@ -1,8 +1,8 @@
 """How the states of a PE with a key are proven to its manager: sessions, and the tag of each page (protocol rule 11).
 
-A manager that has welcomed this PE has a session with it, under the number of its WELCOME; it chooses no number twice.
-Only the session with the manager of the term that counts is used: without one, pages are said untagged (0). Beats are
-counted from the session's first page 0, rounded down to a whole 256, since a page tells one byte of its number.
+A manager that has welcomed this PE has a session with it, under the number of its WELCOME; a manager chooses no number
+twice. Only the session with the active manager is used: without one, pages are sent untagged (0). Beats are counted
+from the session's first page 0, rounded down to a whole 256, since a page carries one byte of its number.
 
 The tag of a page 0 also covers an EMCY that waits to be acknowledged, in turn where there are several.
 """
@@ -24,21 +24,21 @@ class StateSeal:
 
     @property
     def session(self) -> Session | None:
-        """Session with the manager whose term counts."""
+        """Session with the active manager, or None."""
         session = self._sessions.get(self._mastership.manager)
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """A manager has opened a session; what it had before is over."""
+        """A manager has opened a session, which ends its previous one."""
         self._sessions[manager] = Session(manager, term, counter)
         self._first_beat = None
 
     def end_session(self) -> None:
-        """The manager whose term counts ends its session."""
+        """End the session of the active manager."""
         self._sessions.pop(self._mastership.manager, None)
 
     def tag(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Tag of a page on the uplink, 0 without a session: `beat` counts pages 0, of a page 1 it is None."""
+        """Tag of a page on the uplink, 0 without a session; `beat` counts pages 0, and is None for a page 1."""
         session = self.session
         if session is None:
             return 0

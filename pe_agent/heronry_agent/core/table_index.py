@@ -1,6 +1,6 @@
-"""The PE's table, made quick to ask, and checked once for what the agent would trip over later.
+"""The PE's table with quick look-ups, checked once for contradictions that would stop the agent later.
 
-Raises TableError while it is built; afterwards every look-up of what the table itself names succeeds.
+The constructor raises TableError; afterwards every look-up of a name or index of the table itself succeeds.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ _REMEDY = "write the table anew with 'heronry table'"
 
 
 class TableIndex:
-    """Look-ups by what slices, modules and frames say."""
+    """Look-ups by the indices and names in slices, modules and frames."""
 
     def __init__(self, table: PeTable) -> None:
         """Index a table; raises TableError where it contradicts itself."""
@@ -26,7 +26,7 @@ class TableIndex:
         self.ports = range(len(table.ports))
         self.uplink = table.uplink
         self.lease_ns = t_lease_ns(table.ports[table.uplink].heartbeat_ns)
-        self.leased_ns = max(self.lease_ns, t_lease_ns(table.command_period_ns))  # for how long one LEASE is a sign
+        self.leased_ns = max(self.lease_ns, t_lease_ns(table.command_period_ns))  # validity of one LEASE
         self.stand_back_ns = _stand_back_ns(table.ports[table.uplink])
         self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
         self.leaf_counts = table.leaf_counts()
@@ -72,7 +72,7 @@ class TableIndex:
 
 
 def _stand_back_ns(port: Port) -> int:
-    """How long data stand back: what PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on a bus."""
+    """How long data are held back, in ns: what PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take."""
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
 

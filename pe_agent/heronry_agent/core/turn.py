@@ -1,8 +1,8 @@
-"""One call of the core: what time it is, and what has been asked for so far.
+"""One call of the core: its time, and the actions and pages requested so far.
 
-The parts that act share the turn instead of handing a time and a list through every call. A part that has changed what
-the state frames tell asks for a page; the core sends each page once, when the call ends. Nothing is held from one call
-to the next but the time.
+The parts share the turn instead of handing a time and a list through every call. A part that has changed what the state
+frames report requests a page; the core sends each page once, when the call ends. Only the time and the counts are kept
+from one call to the next.
 """
 
 from collections import Counter
@@ -12,15 +12,15 @@ from heronry_wire.sansio import Withdraw
 
 
 class Turn:
-    """The call being served."""
+    """The present call of the core."""
 
     __slots__ = ("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
 
     def __init__(self, now_ns: int) -> None:
         self.now_ns = now_ns
-        self.arrived_ns = now_ns  # when the frame being taken came: earlier than now after a pause of the process
-        self.held_until_ns = now_ns - 1  # until when the process was: what came before that may have news behind it
-        self.counts: Counter[tuple[str, int]] = Counter()  # what was not understood or obeyed, by identifier; for ever
+        self.arrived_ns = now_ns  # arrival of the present frame: earlier than now after a pause of the process
+        self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before may be outdated by one behind it
+        self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by identifier; never reset
         self.out: list[Action] = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
 
@@ -34,20 +34,20 @@ class Turn:
         return self.out
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
-        """A frame is being taken that came so long ago; one that is later than `late_ns` shows that nobody ran."""
+        """Take the age of the present frame; one above `late_ns` shows that this process stood still."""
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:
             self.held_until_ns = self.now_ns
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Take back what waits under these identifiers, if there are any."""
+        """Withdraw the frames that wait under these identifiers, if there are any."""
         if identifiers:
             self.out.append(Withdraw(identifiers))
 
     def note(self, kind: str, text: str) -> None:
-        """Ask for a line in the log."""
+        """Write a line to the log."""
         self.out.append(Note(kind, text))
 
     def count(self, what: str, identifier: int) -> None:
-        """Count what is not worth more."""
+        """Count an event of which nothing else is kept."""
         self.counts[what, identifier] += 1

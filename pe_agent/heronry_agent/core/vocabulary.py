@@ -1,9 +1,9 @@
-"""What the agent core is told and what it asks for, beside frames and time (`heronry_wire.sansio`).
+"""The events and actions of the agent core, beside frames and time (`heronry_wire.sansio`).
 
 A StepModule is answered by one `Stepped`, `StepFailed` or `NotReady` that repeats its `release`, a number that is used
 once, or by the `PartitionEnded` of its partition, or never: an answer that comes after the module was stopped is
-thereby recognised and dropped. StartModule is answered only when it failed, MeasureStep by `StepMeasured`, Drive by
-`Driven` if the device moved or `DriveFailed` if it cannot be driven so. Nothing else needs an answer.
+thereby recognised and dropped. StartModule is answered only if it failed, MeasureStep by `StepMeasured`, Drive by
+`Driven` if the device moved or `DriveFailed` if it could not. No other action needs an answer.
 """
 
 from collections.abc import Mapping
@@ -19,10 +19,10 @@ class Stepped(NamedTuple):
     """A module has computed one period.
 
     outputs: value by variable; one left out is not published.
-    writes: what the module wants its device to do, in order; nothing of it has been done yet.
+    writes: commands of the module to its device, in order; none has been executed yet.
     reports: (element, detail): elements that the module says have failed, as `device:NAME` or `module:NAME`.
-    phases: mission phases that the module asked for, in their order.
-    spent_ns: how long it took, without the time for which the processor was not its own.
+    phases: mission phases that the module requested, in their order.
+    spent_ns: how long the step took, without the time for which the processor was not its own.
     """
 
     module: int
@@ -61,7 +61,7 @@ class NotReady:
 
 @dataclass(frozen=True, slots=True)
 class StepMeasured:
-    """What a step that has not ended has spent so far, as in `Stepped`."""
+    """Time in ns that an unfinished step has spent so far, as in `Stepped`."""
 
     module: int
     release: int
@@ -70,7 +70,7 @@ class StepMeasured:
 
 @dataclass(frozen=True, slots=True)
 class PartitionEnded:
-    """A partition is gone, and all modules in it, the one that was `computing` among them; `reason` is one line."""
+    """A partition and all its modules have ended, with the one that was `computing`; `reason` is one line."""
 
     partition: str
     reason: str
@@ -94,7 +94,7 @@ class Driven:
 
 @dataclass(frozen=True, slots=True)
 class DriveFailed:
-    """A module wants of its device what that cannot do; `reason` is one line."""
+    """The device of a module cannot execute a command of the module; `reason` is one line."""
 
     module: int
     reason: str
@@ -102,7 +102,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Let a module run in a mode (an index into `entry.modes`): one that was kept goes on, if it can do that."""
+    """Let a module run in a mode (an index into `entry.modes`): a module that was kept goes on, if it can do that."""
 
     module: int
     entry: ModuleEntry
@@ -111,7 +111,7 @@ class StartModule:
 
 @dataclass(frozen=True, slots=True)
 class StopModule:
-    """Step a module no more: drop it, or keep it for the StartModule that follows in another mode."""
+    """Stop stepping a module: drop it, or keep it for the StartModule that follows in another mode."""
 
     module: int
     keep: bool = False
@@ -121,7 +121,7 @@ class StepModule(NamedTuple):
     """Let a module compute one period.
 
     inputs: (variable, datum) by leaf path, fresh ones only.
-    until_ns: when what it may drive now is no longer its own to drive, unless it is told again.
+    until_ns: when its output authorization ends, unless a later step extends it.
     """
 
     module: int
@@ -132,7 +132,7 @@ class StepModule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MeasureStep:
-    """Say how much a step has spent that should have ended by now."""
+    """Measure how much time a step has spent that should have ended by now."""
 
     module: int
     release: int
@@ -155,7 +155,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Another PE has said what it told one of its actuators: a simulated world follows it."""
+    """An output echo of another PE gives the value of one of its actuators: the plant follows it."""
 
     device: str
     value: float
@@ -163,21 +163,21 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something worth a line in the log; `kind` is a word to filter by."""
+    """A line for the log; `kind` is a word to filter by."""
 
     kind: str
     text: str
 
 
 class Left(NamedTuple):
-    """A frame has left the controller of a port, `took_ns` after it was handed over; 0: nobody knows."""
+    """A frame has left the controller of a port, `took_ns` after it was handed over; 0: the driver cannot tell."""
 
     port: int
     took_ns: int
 
 
 class ChannelsLost(NamedTuple):
-    """Which channels of a port's bus, from 1, carry nothing of what the other one carries; told on change."""
+    """Which channels of a port's bus, from 1, carry no frames although the other one does; sent on change."""
 
     port: int
     channels: frozenset[int]

@@ -1,22 +1,22 @@
-"""What a PE does while no manager is heard (rule 7): it keeps what it runs, or lets go of what is not critical.
+"""What a PE does while no manager is heard (protocol rule 7): it keeps all modules, or stops the expendable ones.
 
-    attended   a LEASE of the reigning term came within T_lease
-    resting    it did not, and the policy is `safe_mode`: the modules that the slice marks as expendable have stopped;
+    attended   a LEASE of the highest term came within T_lease
+    resting    none came, and the policy is `safe_mode`: the modules that the slice marks as expendable have stopped;
                the rest goes on, wired, published and forwarded as before
 
-With `keep` nothing ever rests. Expendable is what serves nothing critical, so nothing that stays reads from what stops,
-and whether a PE rests concerns nobody else: no other PE starts anything for it, and none has to agree. The state frame
-goes on telling the same state, epoch and digest: it is the same configuration, of which a part rests; only the load of
-page 1 falls.
+With the policy `keep` no module rests. An expendable module serves nothing critical, so no module that stays reads from
+one that stops, and a PE that rests affects no other PE: none starts a module in its place, and none has to agree. The
+state frame goes on reporting the same state, epoch and digest: it is the same configuration, of which a part rests;
+only the load in page 1 falls.
 
-Back to attended: a LEASE that names the very configuration that runs here, whoever reigns by then; it says that nothing
-else has been activated. A new configuration starts what it wants anyway. A LEASE that names anything else, or nothing
-yet, starts nothing: its manager will decide. Rule 6 stands above all of this: what is exclusive asks for its permission
-as ever.
+Back to attended: a LEASE of any active manager that names the very configuration that runs here; it shows that no other
+one has been activated. A new configuration starts its modules anyway. A LEASE that names another configuration, or none
+yet, starts nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output still needs its
+authorization.
 
-What if: a LEASE that is lost or late within T_lease is not missed. After a pause of the process the frames that waited
-are taken first, so a manager that spoke meanwhile has been heard. A forged LEASE can start what may run anyhow. A
-restart forgets all, and runs nothing.
+Lost or late: a LEASE within T_lease is enough. After a pause of the process the frames that waited are taken first, so
+a manager that sent one meanwhile has been heard. A forged LEASE can only start modules of the present configuration.
+After a restart the PE runs nothing.
 """
 
 from heronry_agent.core.mastership import Mastership
@@ -27,7 +27,7 @@ from heronry_wire.sansio import NEVER_NS
 
 
 class WithoutManager:
-    """Lets the expendable rest while no manager is heard."""
+    """Lets the expendable modules of one PE rest while no manager is heard."""
 
     def __init__(
         self, turn: Turn, mastership: Mastership, reconfiguration: Reconfiguration, modules: RunningModules
@@ -37,15 +37,15 @@ class WithoutManager:
 
     @property
     def next_ns(self) -> int:
-        """When to call `tick`, if no LEASE comes before."""
+        """Time in ns at which to call `tick`, if no LEASE comes before."""
         return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:
-        """The lease has run out."""
+        """The lease has run out: stop the expendable modules."""
         self._move(self._reconfiguration.rest())
 
     def named(self) -> None:
-        """A LEASE names the configuration that runs here."""
+        """A LEASE names the configuration that runs here: start the resting modules."""
         if self._reconfiguration.resting:
             self._move(self._reconfiguration.resume())
 

@@ -1,10 +1,10 @@
-"""Fail-over and N-version: one value out of several of different worth.
+"""Fail-over and N-version: one value out of several of different quality.
 
-FailOver   the first of `sources` that is there. One that comes back is taken again only after it was there for
-           `patience_ns`: what comes and goes must not make the output jump
-NVersion   programs that were written apart give one variable in versions of their own. The best version that is not
-           outvoted is taken: with three or more it must be within `tolerance` of their median, and who is not is
-           reported. With two, the best is taken
+FailOver   the first of `sources` that is present. A source that comes back is taken again only after it was present for
+           `patience_ns`: an intermittent source must not make the output jump
+NVersion   programs that were written independently give one variable, each in a version of its own. The best version
+           that is not outvoted is taken: with three or more it must be within `tolerance` of their median, and the
+           author of one that is not is reported. With two, the best is taken
 """
 
 import math
@@ -16,11 +16,11 @@ from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.lasting import Lasting
 from heronry_agent.parts.reading import number
 
-_BLAMING = 3  # versions that must be there
+_BLAMING = 3  # versions that must be present for a report
 
 
 class FailOver(Module):
-    """Passes on the best source; a subclass sets the attributes."""
+    """Gives the value of the best source; a subclass sets the attributes."""
 
     sources: ClassVar[tuple[str, ...]]  # variables, the best first
     output: ClassVar[str]
@@ -33,7 +33,7 @@ class FailOver(Module):
         self._enough = max(1, -(-self.patience_ns // ctx.period_ns))
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Give the value of the source that counts now; nothing while none is there."""
+        """Give the value of the source that is taken now; nothing while no source is present."""
         heard = {source: value for source in self.sources if (value := number(inputs, source)) is not None}
         self._present = {source: self._present[source] + 1 if source in heard else 0 for source in self.sources}
         if self._taken not in heard:
@@ -44,7 +44,7 @@ class FailOver(Module):
 
 
 class NVersion(Module):
-    """Passes on the best version that is not outvoted; a subclass sets the attributes."""
+    """Gives the best version that is not outvoted; a subclass sets the attributes."""
 
     variable: ClassVar[str]
     authors: ClassVar[Mapping[int, str]]  # version -> the element that gives it
@@ -57,7 +57,7 @@ class NVersion(Module):
         self._odd = {version: Lasting(self.patience_ns, ctx.period_ns) for version in self.authors}
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare, and give the best; nothing while there is no version."""
+        """Compare the versions and give the best one; nothing while there is none."""
         heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and _is_finite(d.value)}
         if not heard:
             return {}

@@ -1,7 +1,7 @@
-"""A rate limiter: the output follows the input, by so much a second at most.
+"""A rate limiter: the output follows the input, by `most_per_s` a second at most.
 
-It starts where the input is. While the input is missing it gives nothing, and the consumer's own rule for a missing
-datum holds; it goes on from what it gave last, so that a gap is no way around the limit.
+The output starts at the input. While the input is missing the module gives nothing, and the reader's own rule for a
+missing datum applies; afterwards the output goes on from its last value, so that a gap does not bypass the limit.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class RateLimiter(Module):
-    """A subclass sets the attributes."""
+    """Limits the rate of one variable; a subclass sets the attributes."""
 
     source: ClassVar[str]
     output: ClassVar[str]
@@ -25,7 +25,7 @@ class RateLimiter(Module):
         self._last: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Go towards the input."""
+        """Give the last output, moved towards the input by one step's share of `most_per_s` at most."""
         wanted = number(inputs, self.source)
         if wanted is None:
             return {}

@@ -1,13 +1,13 @@
-"""Monitors: a sensor that is stuck, an actuator that does not do what it is told.
+"""Monitors: a sensor that is stuck, an actuator that does not follow its command.
 
-    StuckSensorMonitor  a sensor whose last digit never rests (noise, a moving quantity) has said exactly the same for
-                        `patience_ns`. For one that may rest it is the wrong part
+    StuckSensorMonitor  a sensor whose last digit always changes (noise, a moving quantity) has given exactly the same
+                        value for `patience_ns`. It is the wrong part for a sensor that may rest
     ActuatorMonitor     the position is further than `tolerance` from where a healthy actuator would be, which follows
-                        its command with the lag `lag_s`, for `patience_ns`. What it cannot see: an actuator that is
-                        stuck where it is told to be. One sensor that lies looks the same; who has a second actuator
-                        and wants to tell them apart finds `images.servo_monitor`
+                        its command with the lag `lag_s`, for `patience_ns`. It cannot detect an actuator that
+                        is stuck at its command. A wrong position sensor looks the same as a failed actuator; with a
+                        second actuator `images.servo_monitor` tells them apart
 
-Both give a health: 0 well, 1 accused. A missing datum suspends the judgement.
+Both give a health: 0 well, 1 reported as failed. A missing datum suspends the comparison.
 """
 
 from collections.abc import Mapping
@@ -21,9 +21,9 @@ _NS_PER_S = 1_000_000_000
 
 
 class Monitor(Module):
-    """What the two have in common; a subclass of theirs sets the attributes."""
+    """Base of the two monitors; a subclass of one of them sets the attributes."""
 
-    element: ClassVar[str]  # that is to blame
+    element: ClassVar[str]  # to report when the fault has lasted
     output: ClassVar[str]
     patience_ns: ClassVar[int] = 1_000_000_000
 
@@ -33,11 +33,11 @@ class Monitor(Module):
         self._health = 0
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Tell whether this step looks like a fault."""
+        """Tell whether the inputs of this step look like a fault."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Look, and give the health."""
+        """Compare, report a fault that has lasted, and give the health."""
         if self._wrong.is_due(self.is_wrong(inputs)):
             self._health = 1
             self.ctx.report_failed(self.element)
@@ -45,20 +45,20 @@ class Monitor(Module):
 
 
 class StuckSensorMonitor(Monitor):
-    """Watches one sensor."""
+    """Monitors one sensor for a value that does not change."""
 
     source: ClassVar[str]
     _last: float | None = None
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Compare with the value before."""
+        """Compare the value with the previous one."""
         value = number(inputs, self.source)
         before, self._last = self._last, value
         return value is not None and value == before
 
 
 class ActuatorMonitor(Monitor):
-    """Watches one actuator by the sensor of its position."""
+    """Monitors one actuator by its position sensor."""
 
     command: ClassVar[str]
     position: ClassVar[str]
@@ -67,7 +67,7 @@ class ActuatorMonitor(Monitor):
     _expected: float | None = None
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Compare with where a healthy one would be."""
+        """Compare the position with that of a healthy actuator."""
         command, position = number(inputs, self.command), number(inputs, self.position)
         if command is None or position is None:
             self._expected = None

@@ -1,7 +1,7 @@
-"""How images read their inputs: a datum is there, trusted and a sensible number, or it is not there at all.
+"""How images read their inputs: a datum is present, valid and a finite number, or it counts as missing.
 
-Three ways to have no datum (not supplied, too old, declared invalid by its producer) and a fourth that only a broken
-producer knows (not a number) come to the same for whoever must do without: None.
+There are three ways to have no datum (not supplied, too old, declared invalid by its producer) and a fourth with a
+broken producer (not a number). The result is None for all of them.
 """
 
 import math
@@ -18,7 +18,7 @@ def number(inputs: Inputs, variable: str) -> float | None:
 
 
 def whole(inputs: Inputs, variable: str) -> int | None:
-    """Value of a variable as an integer, or None: for states, counts and commands."""
+    """Value of a variable as an integer, or None; for states, counts and commands."""
     value = number(inputs, variable)
     return None if value is None else int(value)
 
@@ -32,5 +32,5 @@ def numbers(inputs: Inputs, variable: str, count: int) -> tuple[int, ...] | None
 
 
 def held(value: float, limit: float) -> float:
-    """A value held to -limit..limit."""
+    """Limit a value to -limit..limit."""
     return min(max(value, -limit), limit)

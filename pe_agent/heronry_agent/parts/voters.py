@@ -1,12 +1,12 @@
-"""Voters: one value out of several that should be the same, and the odd one out reported.
+"""Voters: one value out of several that should be the same, with a report of a channel that differs.
 
-    median    the middle of what is there: one channel, however wrong, never leads. Of two that differ, the one nearer
-              to what was given last
+    median    the median of the channels that are present: no single wrong channel decides. Of two that differ, the one
+              nearer to the last output
     majority  the mean of the largest group that agrees, if it is more than half of all channels; else nothing is given,
-              and the consumer's spec says what then
+              and the spec says what the reader does without it
 
-Whom to blame: a channel that is further than `tolerance` from what was given, while more than two are there. Of two
-that differ nobody can say which is right.
+A channel is reported that is further than `tolerance` from the output while more than two are present. Of two that
+differ either may be right.
 """
 
 import statistics
@@ -17,13 +17,13 @@ from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.lasting import Lasting
 from heronry_agent.parts.reading import number
 
-_BLAMING = 3  # channels that must be there
+_BLAMING = 3  # channels that must be present for a report
 
 
 class Voter(Module):
-    """What the two have in common; a subclass of theirs sets the attributes."""
+    """Base of the two voters; a subclass of one of them sets the attributes."""
 
-    channels: ClassVar[Mapping[str, str]]  # variable -> the element that is to blame for it
+    channels: ClassVar[Mapping[str, str]]  # variable -> the element to report for it
     output: ClassVar[str]
     tolerance: ClassVar[float]
     patience_ns: ClassVar[int] = 1_000_000_000
@@ -34,11 +34,11 @@ class Voter(Module):
         self.last: float | None = None
 
     def choose(self, heard: list[float]) -> float | None:
-        """Give the value that counts, of one or more; None where none does."""
+        """Give the output for one or more values; None where they do not agree."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Vote; nothing is given while there is nothing to vote on, or no agreement."""
+        """Vote; gives nothing while no channel is present, or there is no agreement."""
         heard = {channel: value for channel in self.channels if (value := number(inputs, channel)) is not None}
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
@@ -50,7 +50,7 @@ class Voter(Module):
 
 
 class MedianVoter(Voter):
-    """Gives the middle."""
+    """Gives the median of the channels."""
 
     def choose(self, heard: list[float]) -> float:
         """Give the median, or of two that differ the one nearer to the last value."""
@@ -61,7 +61,7 @@ class MedianVoter(Voter):
 
 
 class MajorityVoter(Voter):
-    """Gives what more than half of all channels say."""
+    """Gives the value on which more than half of all channels agree."""
 
     def choose(self, heard: list[float]) -> float | None:
         """Give the mean of the largest group within the tolerance of one of them, if it is a majority."""

@@ -1,1 +1,1 @@
-"""All of the agent that touches the world: the loop, partitions, devices, files, the command line."""
+"""The parts of the agent with input and output: the loop, partitions, devices, files, the command line."""

@@ -1,7 +1,7 @@
 """The command `pe-agent`: the agent of one PE, from its table, on its buses.
 
-Exit codes: 0 stopped in order, 1 its node-ID is taken, 2 what it was given cannot be used (a flag, a table, a bus).
-Whatever ends it is one sentence on standard error.
+Exit codes: 0 stopped in order, 1 the node-ID is taken, 2 an argument cannot be used (a flag, a table, a bus). The
+reason for exit code 1 or 2 is one sentence on standard error.
 """
 
 import argparse
@@ -35,9 +35,9 @@ from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
-_LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
+_LISTEN_NS = 1_200_000_000  # longer than the heartbeat period of a node that waits for its table
 _SALT_BYTES = 16
-_USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
+_USUAL_BITRATE = 1_000_000  # bit/s, limits the rate of SDO; without --bitrate
 
 _EPILOG = """\
 examples:
@@ -45,18 +45,18 @@ examples:
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
-  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
+  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  executes only commands made with the key
   pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
-  pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
-  pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes it from who has the key alone
+  pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' sends its table
+  pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes only a table sealed with the key
 
-'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
-can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTERM; a PE that just vanishes is no harm.
+'heronry table SPEC PE' writes the table. The flags below are python-can's own and name the bus toward the manager;
+can.conf and CAN_* variables are used too. Ctrl-C or SIGTERM stops the agent; the manager plans around a PE that stops.
 """
 
 
 class _IdTakenError(HeronryError):
-    """Somebody else on the bus has this node-ID."""
+    """Another node on the bus has this node-ID."""
 
     def __init__(self, node: int, where: str = "") -> None:
         super().__init__(f"another node on the bus has node-ID {node}; give one of them another{where}")
@@ -82,9 +82,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     table = parser.add_mutually_exclusive_group(required=True)
-    table.add_argument("--table", type=Path, metavar="FILE", help="what 'heronry table' wrote for it")
+    table.add_argument("--table", type=Path, metavar="FILE", help="the table of this PE, written by 'heronry table'")
     table.add_argument(
-        "--node", type=_node, metavar="ID", help="wait as this node (92 to 125) for 'heronry send-table', over the bus"
+        "--node", type=_node, metavar="ID", help="wait as this node (92 to 125) for a table from 'heronry send-table'"
     )
     parser.add_argument(
         "--bus",
@@ -94,21 +94,21 @@ def _parser() -> argparse.ArgumentParser:
         help="a bus of the table on this channel; once for each bus of a gateway",
     )
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="where the boot count is kept (default: drawn from the clock)"
+        "--state-dir", type=Path, metavar="DIR", help="folder that keeps the boot count (default: drawn from the clock)"
     )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: from now on nobody without it commands"
+        "--key", type=Path, metavar="FILE", help="key file of 'heronry key': refuse commands made without this key"
     )
     parser.add_argument(
         "--bench-origin",
         type=int,
         metavar="NS",
-        help="when the simulated flight took off, in ns of the monotonic clock (default: now)",
+        help="take-off time of the simulated flight, in ns of the monotonic clock (default: now)",
     )
-    parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
+    parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
-    talk.add_argument("-q", "--quiet", action="store_true", help="say only what ends the agent")
-    talk.add_argument("-v", "--verbose", action="store_true", help="say at the end what was not understood or late")
+    talk.add_argument("-q", "--quiet", action="store_true", help="print only the reason why the agent ends")
+    talk.add_argument("-v", "--verbose", action="store_true", help="print counts of refused and late frames at the end")
     add_bus_arguments(parser, group_title="the bus toward the manager")
     return parser
 
@@ -160,7 +160,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Be a node without a table until there is one; None if it was stopped before."""
+    """Wait as a node without a table until there is one; None if the program was stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
@@ -206,11 +206,11 @@ def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> 
 
 
 def _silent(note: Note) -> None:
-    """Say nothing."""
+    """Print no note (--quiet)."""
 
 
 def _print_note(note: Note) -> None:
-    with suppress(OSError):  # a full disk, or a reader that went away, is no reason to stop flying
+    with suppress(OSError):  # a full disk, or a reader that has ended, must not stop the agent
         print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
 
 

@@ -1,15 +1,15 @@
-"""The devices of one PE as its modules meet them: read before a step, driven when the core allows it.
+"""The devices of one PE as its modules use them: read before a step, driven when the core authorizes it.
 
-Both go through the agent's own process, whatever runs the module: so an output is checked at the last moment (protocol
-rule 6), and a module that was stopped, or hangs, moves nothing. What is behind a device, its driver knows
-(`heronry_agent.device`).
+Both go through the agent's own process, not through the partition of the module: so an output is checked at the last
+moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. The hardware behind a device is known
+to its driver alone (`heronry_agent.device`).
 
-A device belongs to one driver; a PE may have several drivers, and loads those alone whose devices its modules are
-bolted to: a PE without devices loads none. A spec cannot name a driver yet, so every device is the plant's:
-`open_drivers` is the one place that knows, and the one where a driver's name in the table would be asked for.
+A device belongs to one driver; a PE may have several drivers, and loads only those of the devices of its modules: a PE
+without devices loads none. A spec cannot name a driver yet, so every device is the plant's: only `open_drivers` knows
+that, and it is the place to look up a driver's name in the table.
 
-A driver is code of somebody else in the agent's own process. What it raises ends no agent: a reading that fails is a
-device that does not answer, a command that fails is a `DriveFailed`. One that stands still stops the agent's loop,
+A driver is foreign code in the agent's own process. Its exceptions do not end the agent: a reading that fails is a
+device that does not answer, a command that fails is a `DriveFailed`. A driver that stands still stops the agent's loop,
 which nothing here can prevent.
 """
 
@@ -29,11 +29,11 @@ PLANT = "plant"  # the driver of the shipped aircraft's simulated devices
 
 
 class DeviceDriverError(HeronryError):
-    """A device driver that there is not, or that does not work; the message is one sentence."""
+    """A device driver is not installed, or does not work; the message is one sentence."""
 
 
 def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
-    """Give the driver of this name: a callable, see `heronry_agent.device`; raises DeviceDriverError."""
+    """Give the driver of this name, a callable (see `heronry_agent.device`); raises DeviceDriverError."""
     offered = entry_points(group=_GROUP)
     if name not in offered.names:
         known = ", ".join(sorted(offered.names)) or "none"
@@ -48,9 +48,9 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 
 
 def open_drivers(table: PeTable, origin_ns: int) -> dict[str, DeviceDriver]:
-    """Give the driver of each device that a module of this table is bolted to; raises DeviceDriverError.
+    """Give the driver of each device of the modules of this table, by device; raises DeviceDriverError.
 
-    origin_ns: when the flight took off, on the monotonic clock.
+    origin_ns: take-off time of the simulated flight, on the monotonic clock.
     """
     names = {module.device: PLANT for module in table.modules if module.device is not None}
     made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}
@@ -66,10 +66,10 @@ def _started(name: str, origin_ns: int) -> DeviceDriver:
 
 
 class Devices:
-    """What the modules of a table are bolted to."""
+    """The opened devices of the modules of a table."""
 
     def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
-        """Open every device that a module is bolted to, once; `drivers` has the driver of each, by device.
+        """Open every device of a module, once; `drivers` has the driver of each, by device.
 
         Raises DeviceDriverError where a driver cannot open one.
         """
@@ -89,25 +89,25 @@ class Devices:
         return self._opened[name]
 
     def followed(self) -> frozenset[str]:
-        """Actuators of other PEs whose echoes the drivers need."""
+        """Names of the actuators of other PEs whose echoes the drivers need."""
         followed: frozenset[str] = frozenset()
         for driver in self._every_driver:
             followed |= driver.follows(name for name, its_driver in self._drivers.items() if its_driver is driver)
         return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
-        """What a module's device says; None where it has none, or it does not answer, or says that it is wrong."""
+        """Reading of a module's device; None if there is none, it does not answer, or its reading is invalid."""
         device = self._bolted_to[module]
         if device is None:
             return None
         try:
             value, _, valid = device.read(now_ns)
-        except Exception:  # noqa: BLE001 - foreign code: whatever it raises, there is no reading
+        except Exception:  # noqa: BLE001 - foreign code: after any exception there is no reading
             return None
         return value if valid else None
 
     def drive(self, order: Drive, now_ns: int) -> Driven | DriveFailed | None:
-        """Drive a module's device; None when it did not move."""
+        """Execute a command to a module's device; None when the device did not move."""
         device = self._bolted_to[order.module]
         if device is None:
             return DriveFailed(order.module, "it has no device to drive")
@@ -120,24 +120,24 @@ class Devices:
         return None if moved_to is None else Driven(order.module, moved_to)
 
     def make_safe(self, module: int, now_ns: int) -> None:
-        """Take the safe action of a module's device: its module drives it no more."""
+        """Take the safe action of a module's device, because the module does not drive it any more."""
         device = self._bolted_to[module]
         if device is not None:
             _make_safe(device, now_ns)
 
     def make_all_safe(self, now_ns: int) -> None:
-        """Take the safe action of every device: no module runs any more."""
+        """Take the safe action of every device, because no module runs any more."""
         for device in self._opened.values():
             _make_safe(device, now_ns)
 
     def heard(self, echo: Heard, now_ns: int) -> None:
-        """Follow what another PE has told one of its actuators."""
+        """Hand the output echo of another PE to the drivers."""
         for driver in self._every_driver:
-            with suppress(Exception):  # foreign code; the next echo says the same
+            with suppress(Exception):  # foreign code; the next echo repeats the value
                 driver.heard(echo.device, echo.value, now_ns)
 
 
 def _make_safe(device: Device, now_ns: int) -> None:
-    """Take a safe action; where the driver fails at it there is nothing left that an agent could do."""
+    """Take a safe action; if the driver fails in it, the agent can do nothing more."""
     with suppress(Exception):
         device.make_safe(now_ns)

@@ -1,28 +1,30 @@
-"""The agent's thin shell: the buses of one PE, its modules, one select loop. Time is CLOCK_MONOTONIC.
+"""The driver of an agent core: the buses of one PE, its modules, one select loop. Time is CLOCK_MONOTONIC.
 
-A turn goes so:
+A turn of the loop:
 
-1. Wait until a frame has come, a deadline is due, or whoever started the agent is gone.
+1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
 2. Hand over every frame that has come, with its age: after a pause of this process the old ones among them must not
-   look like news (rule 6), and no deadline passes before they are known.
-3. Hand over what the partitions have computed, then the deadline if it is due. What this releases is computed
-   elsewhere, meanwhile.
+   count as present (protocol rule 6), and no deadline passes before they are handed over.
+3. Hand over the results of the partitions, then the deadline if it is due. The modules that this releases compute in
+   their partitions, meanwhile.
 
-What means nothing to the PE now is kept back by the kernel (or the hub): on a full bus that is most of the traffic.
+The kernel (or the hub) filters out frames that the PE does not take now: on a full bus that is most of the traffic.
 
-A frame that could not leave within T_lease does not leave at all: rule 6 allowed it for then, not for now.
+A frame that could not leave within T_lease does not leave at all: it was authorized (protocol rule 6) for that time,
+not for now.
 
-No step of this loop waits for anything but its select. Nothing runs in a thread, and nothing repeats frames for us:
-when this loop stands still, the PE is silent.
+This loop waits only in its select. There is no thread, and no other process sends the state frames: when this loop
+stands still, the PE is silent.
 
-A bus that is lost ends nothing (`heronry_wire.link` gets it back). Meanwhile the core goes on, its frames go nowhere,
-and rule 6 takes its exclusive outputs away. When the bus toward the manager comes back after more than T_lease, others
-have been told to do what this PE did: its modules are stopped, it listens whether its node-ID is still its own, and
-starts unconfigured, as a new incarnation. While another node has its node-ID it stays silent, and goes on listening.
+A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile the core goes on, its frames are dropped,
+and protocol rule 6 ends the authorization of its exclusive outputs. When the bus toward the manager comes back after
+more than T_lease, other PEs have taken over the modules of this PE: the driver stops its modules, listens whether
+another node has its node-ID, and starts unconfigured, as a new incarnation. While another node has the node-ID the PE
+stays silent, and goes on listening.
 
-Frames are taken in bounded bursts, of more than a socket holds: a flood delays heartbeats, and stops none.
+Frames are taken in bounded bursts, of more than a socket holds: a flood delays heartbeats, but does not stop them.
 
-It ends when `stop` is called (a signal), and with `until_eof` when standard input ends.
+The loop ends when `stop` is called (by a signal), and with `until_eof` when standard input ends.
 """
 
 import os
@@ -49,7 +51,7 @@ _LISTEN_PERIODS = 2  # heartbeats of a node that runs
 
 
 def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
-    """Listen before speaking: tell whether another node already has this node-ID."""
+    """Listen for `listen_ns` before the first frame: tell whether another node already has this node-ID."""
     own = (state_id(node), heartbeat_id(node))
     end_ns = time.monotonic_ns() + listen_ns
     while (left_ns := end_ns - time.monotonic_ns()) > 0:
@@ -86,9 +88,9 @@ class AgentDriver:
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._service, self._own_state = service, state_id(table.node_id)
-        self._off_since_ns: int | None = None  # the outage of the uplink that is not dealt with yet
-        self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as the core was told
-        self._accepted: Collection[int] = ()  # what the links were last told to take in
+        self._off_since_ns: int | None = None  # begin of an outage of the uplink that is not over
+        self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
+        self._accepted: Collection[int] = ()  # identifiers that the links last had to take in
         self._until_eof = False
         self._stopping = False
 
@@ -121,11 +123,11 @@ class AgentDriver:
                 self._accept(self.core.identifiers)
 
     def _is_abandoned(self) -> bool:
-        """Tell whether whoever started the agent is gone."""
+        """Tell whether standard input has ended, since the program that started the agent has."""
         return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
     def _look_at_links(self, now_ns: int) -> None:
-        """Tell what has befallen them, and begin anew after an outage in which this PE will have been replaced."""
+        """Note the link status events, and begin anew after an outage in which this PE will have been replaced."""
         for port, link in enumerate(self._links):
             for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))
@@ -142,15 +144,15 @@ class AgentDriver:
             self._step(time.monotonic_ns(), ChannelsLost(port, lost))
 
     def _begin_anew(self) -> None:
-        """Stop all modules, listen, and be a new incarnation of this PE."""
+        """Stop all modules, wait while another node has the node-ID, and start as a new incarnation."""
         self._host.abandon()
         is_told = False
         while id_is_taken(self._links, self._table):
             if not is_told:
-                who = f"another node has taken node-ID {self._table.node_id}"
-                self._tell(Note("clash", f"{who}; this one is silent until that is gone"))
+                taken = f"another node has taken node-ID {self._table.node_id}"
+                self._tell(Note("clash", f"{taken}; this node stays silent until that node is gone"))
                 is_told = True
-            self._service.lives(time.monotonic_ns())  # it may be silent for long, and does what it should
+            self._service.lives(time.monotonic_ns())  # it may be silent for long, which is no failure of this service
             self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
             if self._stopping:
                 return
@@ -178,14 +180,14 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Say what has left for a radio; what follows it leaves at once where nobody knows when that is."""
+        """Tell the core which frames have left for a radio; without a known time the next one leaves immediately."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:
                     self._step(time.monotonic_ns(), Left(port, took_ns))
 
     def _arrivals(self, links: Sequence[tuple[int, AnyLink]]) -> list[tuple[Arrival, int]]:
-        """What has come on some ports, in the order in which it came."""
+        """Frames that have arrived on some ports, in the order of arrival."""
         found = []
         for port, link in links:
             found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]

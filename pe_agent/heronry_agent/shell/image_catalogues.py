@@ -1,10 +1,10 @@
-"""Which class a spec's `image` means.
+"""Which class the `image` of a spec names.
 
-`package.module:Class` is imported as it stands, so that code of one's own needs no entry anywhere. A bare name is
+`package.module:Class` is imported directly, so that a user's own code needs no entry in a catalogue. A bare name is
 looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
-names to `package.module:Class`. Nothing is imported before it is asked for: a PE loads the code that it runs.
+names to `package.module:Class`. An image is imported when it is first needed: a PE loads only the code that it runs.
 
-A catalogue that cannot be loaded takes none of the others down; it is told where a name is looked for in vain.
+A catalogue that cannot be loaded does not affect the others; the message about an unknown name mentions it.
 """
 
 import difflib
@@ -56,7 +56,7 @@ class _Catalogues(NamedTuple):
 
 @cache
 def _catalogues() -> _Catalogues:
-    """Load every catalogue; where two know a name, the first entry point by name has it."""
+    """Load every catalogue; of two with the same image name, that of the first entry point by name counts."""
     images: dict[str, str] = {}
     broken: list[str] = []
     for offered in sorted(entry_points(group=_GROUP), key=lambda one: one.name, reverse=True):

@@ -1,8 +1,8 @@
-"""The boot count of a PE, 0..255: how everybody else knows that it has restarted, even within one heartbeat period.
+"""The boot count of a PE, 0..255: it shows other nodes a restart, even one within one heartbeat period.
 
-Kept in a folder it goes up by one with each start: the file is replaced as a whole and fsynced before the agent speaks,
-so a crash at any byte leaves the old number or the new one. Without a folder, or where the file does not hold a number,
-it is drawn from the clock, and one restart in 256 looks like none.
+If it is kept in a folder it goes up by one with each start: the file is replaced as a whole and fsynced before the
+agent sends its first frame, so a crash at any byte leaves the old number or the new one. Without a folder, or where the
+file does not hold a number, the count is drawn from the clock, and one restart in 256 is not recognized.
 """
 
 import os

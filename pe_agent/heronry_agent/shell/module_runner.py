@@ -1,10 +1,12 @@
-"""Modules as objects: built, stepped, carried over into another mode, dropped; what they raise becomes one line.
+"""Modules as objects: built, stepped, carried over into another mode, dropped; an exception becomes one line.
 
-The same code runs them in a partition, which is what a node does, and in the process of a simulator. Nothing here knows
-a bus, a table or another process. A module is
+The same code runs modules in a partition of a node and in the process of a simulator. It knows no bus, no table and no
+other process. A module is
 
-    built    by `start`, from its image; one that was kept is asked for `mode_changed` first, and goes on if it says so
-    stepped  by `step`: what it gave, wrote, reported and asked for comes back as one value, checked for its form alone
+    built    by `start`, from its image; of one that was kept, `mode_changed` is called first, and it goes on if that is
+             True
+    stepped  by `step`: its outputs, writes, reports and requests come back as one value, of which only the form is
+             checked
     kept     by `stop(keep=True)`: not stepped, until `start` names it again or `stop` drops it
 
 A second `start` of a module that runs builds it anew.
@@ -21,7 +23,7 @@ _MOST_DETAIL = 0xFFFF
 
 
 class Orders(NamedTuple):
-    """How a module is to run."""
+    """Name, image, mode and period (ns) with which a module is to run."""
 
     name: str
     image: str
@@ -32,7 +34,7 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of one step."""
+    """Result of one step."""
 
     outputs: Mapping[str, Value]
     writes: tuple[Value, ...] = ()
@@ -42,7 +44,7 @@ class Result:
 
 @dataclass(slots=True)
 class _Context:
-    """What a module may ask of its host (`module.Context`)."""
+    """The host interface of one module (`module.Context`)."""
 
     clock: Callable[[], int]
     module: str
@@ -57,12 +59,12 @@ class _Context:
     phases: list[str] = field(default_factory=list)
 
     def read(self) -> Value | None:
-        """Device as it was when this step began; None when it did not answer."""
+        """Reading of the device when this step began; None when the device did not answer."""
         self._require_device()
         return self.reading
 
     def write(self, value: Value) -> None:
-        """Drive the device when this step has ended."""
+        """Command the device when this step has ended."""
         self._require_device()
         self.writes.append(value)
 
@@ -71,11 +73,11 @@ class _Context:
         return self.clock() <= self.until_ns
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Tell the manager that an element has failed."""
+        """Report to the manager that an element has failed."""
         self.reports.append((str(element), min(max(int(detail), 0), _MOST_DETAIL)))
 
     def request_phase(self, phase: str) -> None:
-        """Ask the manager for a mission phase."""
+        """Request a mission phase from the manager."""
         self.phases.append(str(phase))
 
     def _require_device(self) -> None:
@@ -84,7 +86,7 @@ class _Context:
 
 
 class ModuleRunner:
-    """The modules that exist in one process."""
+    """Builds and steps the modules of one process."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         """`clock` gives the time in nanoseconds while a module computes."""
@@ -94,17 +96,17 @@ class ModuleRunner:
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
 
     def load(self, image: str) -> str | None:
-        """Import the code of an image; gives the reason if that cannot be done."""
+        """Import the code of an image; gives None, or the reason if that fails."""
         if image in self._classes:
             return None
         try:
             self._classes[image] = find_image(image)
-        except Exception as error:  # noqa: BLE001 - foreign code is imported here: whatever it raises, it is missing
+        except Exception as error:  # noqa: BLE001 - foreign code: after any exception the image is missing
             return one_line(error)
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> str | None:
-        """Let a module run; gives the reason if it cannot be built."""
+        """Build a module, or carry it over; gives None, or the reason if it cannot be built."""
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
@@ -120,7 +122,7 @@ class ModuleRunner:
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:
-        """Step a module no more; does nothing to one that is not there."""
+        """Drop a module, or keep it for the next `start`; no effect if it does not exist."""
         self._kept.pop(module, None)
         held = self._running.pop(module, None)
         if keep and held is not None:
@@ -129,7 +131,7 @@ class ModuleRunner:
     def step(
         self, module: int, now_ns: int, until_ns: int, reading: Value | None, inputs: Mapping[str, tuple[str, Datum]]
     ) -> Result | str:
-        """Let a module compute one period; gives the reason if that failed."""
+        """Let a module compute one period; gives the result, or the reason if the step failed."""
         held = self._running.get(module)
         if held is None:
             return "it was never built"
@@ -139,19 +141,19 @@ class ModuleRunner:
         try:
             outputs: object = code.step(Inputs(inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
-            context.writes, context.reports, context.phases = [], [], []  # they may be what took all memory
+            context.writes, context.reports, context.phases = [], [], []  # they may hold the memory that ran out
             return one_line(error)
-        if not isinstance(outputs, dict | Mapping):  # a dict mostly, which is told at once
+        if not isinstance(outputs, dict | Mapping):  # mostly a dict, which is recognized quickly
             return f"its step gave {type(outputs).__name__}, not a mapping"
         return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
-        """Ask a module that was kept whether it goes on in its new mode."""
+        """Tell whether a module that was kept goes on in its new mode."""
         code, context, _ = held
         context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
         try:
             goes_on = code.mode_changed()
-        except Exception:  # noqa: BLE001 - foreign code: one that cannot tell is built anew
+        except Exception:  # noqa: BLE001 - foreign code: a module that fails here is built anew
             goes_on = False
         if goes_on:
             self._running[module] = held

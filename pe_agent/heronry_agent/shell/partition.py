@@ -2,13 +2,13 @@
 
     python -m heronry_agent.shell.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
-It has no bus, no table, no key: it does what comes on the socket, one order after the other, and says of each step at
-once what came of it (`partition_messages`): so the agent knows who was computing when the process ends. What a module
-raises is an answer.
+The partition has no bus, no table and no key: it executes the orders that come on the socket one after the other, and
+answers each step immediately (`partition_messages`): so the agent knows which module was computing when the process
+ends. An exception of a module becomes an answer.
 
 Nothing here outlives the agent. The kernel kills this process when the agent dies (PR_SET_PDEATHSIG), even in the
-middle of a step, and a closed socket ends it. An agent that stands still asks for nothing, and so nothing is computed;
-a step that was asked for before, and comes to its turn when the agent's word is too old (`until_ns`), is not computed.
+middle of a step, and a closed socket ends it. An agent that stands still sends no orders, and so no module computes; a
+step that was ordered before, but whose turn comes after its authorization has ended (`until_ns`), is not computed.
 
 A partition leaves no core file, which would take seconds.
 """
@@ -46,14 +46,14 @@ _DESCRIPTORS = 65_536
 
 
 class Partition:
-    """The modules of this process, and what they are told."""
+    """Executes the orders for the modules of this process."""
 
     def __init__(self, runner: ModuleRunner) -> None:
         self._runner = runner
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
     def accept(self, packet: bytes) -> Iterator[bytes]:
-        """Do what a packet says, order by order; gives the answers."""
+        """Execute the orders of a packet one by one; gives the answers."""
         for order in decode_orders(packet):
             answer = self._accept(order)
             if answer is not None:
@@ -92,7 +92,7 @@ class Partition:
 
 
 def die_with(agent: int) -> None:
-    """Let the kernel kill this process when its agent dies; ends it at once if the agent is gone already."""
+    """Have the kernel kill this process when its agent dies; ends the process if the agent is gone already."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != agent:
         sys.exit(1)
@@ -101,12 +101,12 @@ def die_with(agent: int) -> None:
 def main(arguments: list[str]) -> int:
     """Serve the agent until it is gone; gives the exit code."""
     die_with(int(arguments[0]))
-    os.closerange(SOCKET + 1, _DESCRIPTORS)  # what the agent itself was given by whoever started it
-    os.set_inheritable(SOCKET, False)  # else a program that a module has started keeps our end from being seen
+    os.closerange(SOCKET + 1, _DESCRIPTORS)  # descriptors that the agent has inherited
+    os.set_inheritable(SOCKET, False)  # else a program started by a module would hide the end of this process
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
     partition = Partition(ModuleRunner(time.monotonic_ns))
-    with suppress(ConnectionError):  # so ends what the agent ends while there is something unread
+    with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread
         while packet := os.read(SOCKET, _PACKET_BYTES):
             for answer in partition.accept(packet):
                 os.write(SOCKET, answer)

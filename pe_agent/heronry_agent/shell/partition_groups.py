@@ -1,16 +1,16 @@
-"""The memory of a partition with all that it has started and shares: control groups (Linux, cgroup v2).
+"""The memory of a partition with its child processes and shared memory: control groups (Linux, cgroup v2).
 
-RLIMIT_DATA (`partition_process`) bounds each process by itself, and counts neither what is shared nor the children of
-a module. The group of a partition counts everything, and ends everything. It is there where whoever started the agent
-gave it a group of its own to divide, and said so by the attribute `user.delegate`, as systemd does for `Delegate=`;
-nobody else's group is touched. Processes may be in leaves only (cgroups(7)), so the agent moves down first:
+RLIMIT_DATA (`partition_process`) limits each process by itself, and counts neither shared memory nor the child
+processes of a module. The group of a partition counts all of these, and ends all of them. Groups are used if the agent
+was started in a group of its own to divide, marked with the attribute `user.delegate`, as systemd does for `Delegate=`;
+no other group is changed. Processes may be in leaves only (cgroups(7)), so the agent moves down first:
 
     heronry-agent@nav.service     delegated
         agent                     the agent
         partition.4711            a partition, by its process number, until nothing of it is left
 
-A group is *unlimited* while its partition loads, then *limited*. A partition that goes beyond is killed by the kernel,
-with all of its processes. Whatever fails here costs this second limit and nothing else.
+A group is *unlimited* while its partition loads, then *limited*. The kernel kills a partition that exceeds the limit,
+with all of its processes. A failure in this file costs this second limit and nothing else.
 """
 # ruff: noqa: PTH103, PTH106, PTH112, PTH123 - without pathlib, like all of the agent's own files
 
@@ -22,7 +22,7 @@ from heronry_agent.core.vocabulary import Note
 
 _MARK = "user.delegate"
 _AGENT = "agent"
-_OWN_HIERARCHY = "0::"  # the line of /proc/self/cgroup that is about version 2
+_OWN_HIERARCHY = "0::"  # the line of /proc/self/cgroup for version 2
 _NO_MEMORY = "the kernel counts no memory in control groups: add cgroup_enable=memory to its command line"
 
 
@@ -33,31 +33,31 @@ class PartitionGroup:
         self._folder = folder
 
     def limit(self, more: int) -> None:
-        """Let all of it take `more` bytes beyond what it holds now."""
+        """Limit the group to `more` bytes beyond what it holds now."""
         with suppress(OSError, ValueError):
             _write(self._folder, "memory.max", int(_read(self._folder, "memory.current")) + more)
             _write(self._folder, "memory.swap.max", 0)
 
     def kill(self) -> None:
-        """Kill all that is in it."""
+        """Kill all processes of the group."""
         with suppress(OSError):
             _write(self._folder, "cgroup.kill", 1)
 
     def ran_out(self) -> bool:
-        """Tell whether the kernel has killed anything in it for want of memory."""
+        """Tell whether the kernel has killed a process of the group because of its memory limit."""
         with suppress(OSError):
             return "oom_kill 0" not in _read(self._folder, "memory.events").splitlines()
         return False
 
     def remove(self) -> bool:
-        """Take the group away; tells whether it is gone."""
+        """Remove the group; tells whether it is gone."""
         with suppress(OSError):
             os.rmdir(self._folder)
         return not os.path.isdir(self._folder)
 
 
 class PartitionGroups:
-    """The delegated group, divided."""
+    """The delegated group of the agent, divided into one group per partition."""
 
     def __init__(self, folder: str) -> None:
         """Move this process into a leaf and have the kernel count memory below. Raises OSError."""
@@ -67,7 +67,7 @@ class PartitionGroups:
         _write(folder, "cgroup.subtree_control", "+memory")
 
     def enclose(self, pid: int) -> PartitionGroup | None:
-        """Put a process that has just begun into a group of its own; None where that cannot be."""
+        """Put a new process into a group of its own; None where that is not possible."""
         self._ended = [group for group in self._ended if not group.remove()]
         folder = f"{self._folder}/partition.{pid}"
         try:
@@ -78,15 +78,15 @@ class PartitionGroups:
         return PartitionGroup(folder)
 
     def retire(self, group: PartitionGroup) -> bool:
-        """The partition of a group has ended; tells whether the kernel killed it for what it took."""
+        """Remove the group of a partition that has ended; tells whether the kernel killed it for its memory."""
         ran_out = group.ran_out()
-        if not group.remove():  # what it has started may take a moment longer
+        if not group.remove():  # its child processes may take a moment longer to end
             self._ended.append(group)
         return ran_out
 
 
 def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
-    """Divide the group of this process, where it was delegated to it; tells why not, where that fails."""
+    """Divide the group of this process if it was delegated; notes the reason if that fails."""
     folder = _own_folder()
     if folder is None or not _is_delegated(folder):
         return None
@@ -101,7 +101,7 @@ def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
 
 
 def _own_folder() -> str | None:
-    """Where the group of this process is; None where there is no version 2."""
+    """Folder of the group of this process; None without cgroup v2."""
     try:
         with open("/proc/self/cgroup", encoding="utf-8") as groups:
             own = next(line[len(_OWN_HIERARCHY) :].rstrip("\n") for line in groups if line.startswith(_OWN_HIERARCHY))

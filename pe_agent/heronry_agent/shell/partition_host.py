@@ -1,19 +1,20 @@
-"""The module host of a node: the modules live in partitions, and the agent's loop never waits for one.
+"""The module host of a node: the modules run in partitions, and the agent's loop never waits for one.
 
-It takes the actions of the core and gives events in answer. The simulator has a host of its own for the same actions
-and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
+The host takes the actions of the core and gives events in answer. The simulator has a host of its own for the same
+actions and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
 
-    absent    until one of its modules is started; or it is warmed up, one partition a second once the PE is at work, so
-              that no exec delays a reconfiguration in flight
-    loading   its process imports the code of all its modules in the table. What is started meanwhile is told to it
-              afterwards; a step is given back as `NotReady` then, to be asked for anew with what there is to see then
-    running   it does what it is told, one thing after the other
-    ending    killed, and not reaped yet; nobody waits for it, and its successor may start
+    absent    until one of its modules is started, or until it is warmed up: one partition a second once the PE runs
+              modules, so that no exec delays a reconfiguration in flight
+    loading   its process imports the code of all its modules in the table. Modules that are started meanwhile are
+              ordered afterwards; a step is given back as `NotReady` then, for the core to order it with new inputs
+    running   it executes its orders, one after the other
+    ending    killed, and not reaped yet; the loop does not wait for that, and its successor may start
 
-Whatever a partition does that it was not asked for ends it: an answer too many, a packet that cannot be read, one too
-long. So a flood is one packet. Who was computing is for the core to find out: here a partition has ended, and why.
-The core asks what steps have spent that it waits for; of one that it does not wait for any more, because the module was
-stopped, nobody asks, and what is behind it would wait for ever: that one hangs by the same measure, and is ended here.
+A partition that breaks the exchange is ended: for an answer without an order, a packet that cannot be read, or one that
+is too long. So a flood ends after one packet. The core decides which module is charged: the host only reports that a
+partition has ended, and why. The core has the steps measured for which it waits. For a step of a module that was
+stopped since it does not wait, and the orders behind that step would wait for ever: the host ends such a partition when
+the step has spent the time after which a module counts as hanging.
 """
 
 import time
@@ -69,36 +70,36 @@ class PartitionHost:
     """The partitions of one PE."""
 
     def __init__(self, table: PeTable, devices: Devices, groups: PartitionGroups | None = None) -> None:
-        """Have no process yet.
+        """Start no process yet.
 
-        devices: those that the modules of the table are bolted to.
-        groups: the control groups in which partitions are to live, where there are any.
+        devices: the devices of the modules of the table.
+        groups: the control groups for the partitions, None if there are none.
         """
         self._devices = devices
         self._groups = groups
         self._entries = {module.index: module for module in table.modules}
         self._processes: dict[str, PartitionProcess] = {}
         self._load_by_ns: dict[str, int] = {}  # loading partitions
-        self._waiting: dict[str, list[StartModule]] = {}  # to be told when it is loaded
-        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # to be asked for anew then
+        self._waiting: dict[str, list[StartModule]] = {}  # to be sent when it is loaded
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # to be given back then as NotReady
         self._modes: dict[int, int] = {}
-        self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each module that runs
-        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether the core has to hear of it
+        self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each running module, by path
+        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether to report it to the core
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
     def readers(self) -> list[PartitionProcess]:
-        """What to select on now."""
+        """Partitions to select on now."""
         return [process for process in self._processes.values() if not process.gathers]
 
     def next_deadline_ns(self) -> int:
-        """When to call `take`, if nothing comes before."""
+        """Time in ns at which to call `take`, if no answer comes before."""
         looks = (process.look_ns for process in self._processes.values() if process.gathers)
         look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Do what an action asks of the modules or their devices; gives what the core is to hear at once."""
+        """Carry out an action on modules or devices; gives the event for the core, if there is one immediately."""
         match action:
             case StepModule():
                 self._step(action, now_ns)
@@ -121,12 +122,12 @@ class PartitionHost:
         return None
 
     def flush(self, now_ns: int) -> None:
-        """Tell the partitions what `carry_out` has collected: to be called once, when a turn ends."""
+        """Send the orders that `carry_out` has collected; called once, at the end of a turn."""
         for process in self._processes.values():
             process.flush(now_ns)
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
-        """What has come from the partitions, and from time passing; `ready` are those that select named."""
+        """Events from the answers of the partitions and from time; `ready` are the partitions that select named."""
         events: list[ModuleEvent] = []
         for process in list(self._processes.values()):
             if process in ready or (process.gathers and now_ns >= process.look_ns):
@@ -143,20 +144,20 @@ class PartitionHost:
         return events
 
     def abandon(self) -> None:
-        """End all partitions, untold, and make every device safe. What is started from now on begins in new ones."""
+        """End all partitions without events, and make every device safe. Modules start in new partitions afterwards."""
         self._ending = [(process, False) for process, _ in self._ending]
         for name in list(self._processes):
             self._end(name, tell=False)
         self._devices.make_all_safe(time.monotonic_ns())
 
     def close(self) -> None:
-        """Abandon everything, and wait until no process is left."""
+        """End all partitions as `abandon` does, and wait until no process is left."""
         self.abandon()
         while self._ending:
             self._reap()
             time.sleep(_REAP_NS / 1e9)
 
-    # What the core asks
+    # Actions of the core
 
     def _start(self, action: StartModule, now_ns: int) -> StartFailed | None:
         name = action.entry.partition
@@ -197,14 +198,14 @@ class PartitionHost:
         name = self._entries[action.module].partition
         process = self._processes.get(name)
         if process is None:
-            return  # it has just ended, which the core is about to hear
+            return  # it has just ended; the event for the core follows
         if process.loading:
             self._held[name].append(action)
             return
         numbers = self._numbers[action.module]
         inputs = [(numbers[path], *datum) for path, (_, datum) in action.inputs.items()]
         reading = self._devices.read(action.module, now_ns)
-        process.ask(action.module, action.release, now_ns)
+        process.expect(action.module, action.release, now_ns)
         process.send(Step(action.module, action.release, now_ns, action.until_ns, reading, inputs))
 
     def _measure(self, action: MeasureStep, now_ns: int) -> StepMeasured:
@@ -218,7 +219,7 @@ class PartitionHost:
                 process.broken = "it hangs in a module that was stopped"
         return StepMeasured(action.module, action.release, process.spent_ns(action.module, action.release, now_ns))
 
-    # What the partitions say
+    # Answers of the partitions
 
     def _read(self, process: PartitionProcess, now_ns: int) -> Iterator[ModuleEvent]:
         while process.broken is None and (packet := process.receive()) is not None:
@@ -250,7 +251,7 @@ class PartitionHost:
                 return
             case _:
                 pass
-        process.broken = "it speaks out of turn"
+        process.broken = "it has sent an answer that no order called for"
 
     def _loaded(self, process: PartitionProcess, missing: frozenset[str]) -> Iterator[ModuleEvent]:
         process.loading = False
@@ -286,11 +287,11 @@ class PartitionHost:
             self._warm_ns = NEVER_NS
             return
         name = self._cold.pop()
-        with suppress(OSError):  # it will be tried again when it is needed
+        with suppress(OSError):  # the next start of one of its modules tries again
             self._spawn(name, now_ns)
 
     def _look_at_loading(self, process: PartitionProcess, now_ns: int) -> None:
-        """Give up a partition that has spent too much on loading its code."""
+        """Give up a partition that has spent too much time on loading its code."""
         left_ns = LOADING_NS - process.loading_ns(now_ns)
         if left_ns <= 0:
             process.broken = "it does not finish loading its code"

@@ -1,4 +1,4 @@
-"""What an agent and a partition say to each other: packets on one socket, of several orders or of one answer.
+"""The messages between an agent and a partition: packets on one socket, of several orders or of one answer.
 
     agent to partition            partition to agent
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
@@ -7,14 +7,14 @@
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, phases
                                   STEP_FAILED  release, reason
 
-A partition trusts its agent: orders travel as Python's own `marshal` writes plain values, which both ends run the same
-version of. The agent believes nothing of what comes: `decode_answer` gives a value for every packet, `Garbled` for one
-that is not what a partition says. What is not a plain value cannot be carried, and that is the fault of the module that
-gave it (`Uncarriable`).
+A partition trusts its agent: orders are plain values in the format of Python's `marshal`, of which both ends run the
+same version. The agent does not trust an answer: `decode_answer` gives a value for every packet, `Garbled` for one that
+is no answer. A value that is not a plain one cannot be carried, which is a failure of the module that gave it
+(`Uncarriable`).
 
 Leaves are named once, in START, and numbered from then on. In an answer numbers are little-endian, and a text has its
-length in two bytes before it. What a module gives has the same names and types from one step to the next: STEPPED
-begins with these, which either end works out once and then knows again by their bytes; all values follow as numbers.
+length in two bytes before it. The outputs of a module have the same names and types from one step to the next: STEPPED
+begins with these, which either end decodes once and then recognizes by their bytes; all values follow as numbers.
 """
 
 import marshal
@@ -33,7 +33,7 @@ SOCKET = 3
 """File descriptor of the socket in the partition."""
 
 ANSWER_BYTES = 16_384
-"""A partition says nothing longer; the agent's buffer is one byte more, so that it would notice."""
+"""Longest packet of a partition; the agent's buffer has one byte more, so that it notices a longer one."""
 
 Input = tuple[int, Value, int, int, bool]
 """A datum at a leaf: the leaf's number, then the fields of `Datum`."""
@@ -44,7 +44,7 @@ _T = TypeVar("_T")
 
 
 class Uncarriable(ValueError):  # noqa: N818 - it is a value that cannot be carried, and read as one
-    """A value is no plain one, or too large; the message says which."""
+    """A value is not a plain one, or too large; the message says which."""
 
 
 class _Kind(IntEnum):
@@ -69,14 +69,14 @@ class Start(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Step a module no more."""
+    """Stop stepping a module: drop it, or keep it for the next START."""
 
     module: int
     keep: bool
 
 
 class Step(NamedTuple):
-    """Let a module compute: the time, until when it may drive, its device's reading, and what it sees."""
+    """Let a module compute: the time, the end of its authorization, the reading of its device, and its inputs."""
 
     module: int
     release: int
@@ -88,7 +88,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """All has been imported that can be."""
+    """The code of all images has been imported, except `missing`."""
 
     missing: Mapping[str, str]  # image -> reason
 
@@ -132,7 +132,7 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """What the answers of a step have in common from one to the next; both ends keep those that they have seen."""
+    """The part of the answers to a step that stays from one to the next; both ends keep layouts that they have seen."""
 
     outputs: tuple[str, ...]
     types: tuple[str, ...]  # of the outputs, then of the writes: a letter, and a length where there is one
@@ -160,7 +160,7 @@ def _plain(field: object) -> object:
 
 
 def decode_orders(packet: bytes) -> Iterator[Order]:
-    """What the agent said."""
+    """Orders in a packet of the agent."""
     for kind, *fields in marshal.loads(packet):  # noqa: S302 - a partition trusts its agent
         order = _ORDERS[kind]
         yield Start(fields[0], Orders(*fields[1]), fields[2]) if order is Start else order(*fields)
@@ -251,7 +251,7 @@ def _other(answer: Loaded | StartRefused | Failed) -> bytes:
 
 
 def decode_answer(packet: bytes) -> Answer:
-    """What a partition said; whatever it was."""
+    """Answer in a packet of a partition; `Garbled` for any packet that is no answer."""
     if len(packet) > ANSWER_BYTES:
         return Garbled("a packet is too long")
     try:
@@ -277,7 +277,7 @@ def _done(packet: bytes) -> Done:
 
 
 def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:
-    """Values from what `struct` has read."""
+    """Values from the numbers and bytes that `struct` has read."""
     for kind in types:
         match kind[0]:
             case "s":
@@ -326,13 +326,13 @@ class _Reader:
         self.packet, self.at = packet, 0
 
     def take(self, layout: struct.Struct) -> tuple[int, ...]:
-        """Numbers."""
+        """Read the numbers of a layout."""
         found = layout.unpack_from(self.packet, self.at)
         self.at += layout.size
         return found
 
     def bytes(self, length: int) -> bytes:
-        """So many bytes."""
+        """Read `length` bytes."""
         found = self.packet[self.at : self.at + length]
         if len(found) != length:
             raise ValueError("it ends too early")
@@ -340,9 +340,9 @@ class _Reader:
         return found
 
     def text(self) -> str:
-        """A text."""
+        """Read a text with its length before it."""
         return self.bytes(self.take(_COUNT)[0]).decode()
 
     def list(self, read: Callable[[], _T]) -> list[_T]:
-        """As many of something as the packet says."""
+        """Read a list of items, each with `read`; its length stands before it."""
         return [read() for _ in range(self.take(_COUNT)[0])]

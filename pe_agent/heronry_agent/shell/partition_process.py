@@ -1,24 +1,25 @@
-"""One partition as its agent holds it: a process started by exec, one socket to it, its memory limit, its time.
+"""One partition on the side of its agent: a process started by exec, one socket to it, its memory limit, its time.
 
-Nothing here ever waits. What is sent is sent at once or the partition is given up for one that does not read; what has
-ended is reaped when the kernel says so. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
-its environment is cut down to what Python needs. From its exec on it stands back behind its agent, whose heartbeats go
-first.
+No method ever waits. A packet is sent immediately, or the partition is given up because it does not read; a process is
+reaped when the kernel reports its end. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
+its environment is cut down to what Python needs. From its exec on it has a lower priority than its agent, whose
+heartbeats go first.
 
-What it is told in one turn of the agent is one packet. For GATHER_NS after it nobody is woken by the answers, so that
+The orders of one turn of the agent are one packet. For GATHER_NS after it the answers do not wake the agent, so that
 the steps of several modules, and of several partitions, cost the agent one awakening and not one each.
 
-Time that a partition *spent* leaves out what it waited for a processor: of a step that is over, the kernel has counted
-that (schedstat); of one that is not, a process that could run is charged its processor time alone, since the wait that
-it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is. How long it had waited
-before a step is read once in SAMPLE_NS, and anew after a step that was late: what it waited since then, in the steps
-before, is taken off a charge as well, which is in its favour. The agent may have to wait for a processor, too: a step
-counts from when the partition was told, and one whose answer is there, unread, is over.
+The time that a step *spent* does not include waiting for a processor: for a step that is over, the kernel has counted
+that (schedstat); for an unfinished one, a process that could run is charged its processor time alone, since its present
+wait is not counted yet. Where the kernel does not count waiting, only processor time is known. The waiting time before
+a step is read once in SAMPLE_NS, and anew after a step that was late: the waiting in the steps since that reading is
+subtracted as well, which is in favour of the module. The agent may have to wait for a processor, too: a step begins
+when its order was sent, and is over when its answer has arrived, read or not.
 
-Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
-modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
-MemoryError in its own step, or dies of it in C. Where the agent has control groups to give away (`partition_groups`),
-the same holds for the partition with all that it has started and shares; then the kernel kills it.
+Memory: when the code has been loaded, the agent sets RLIMIT_DATA to what the process holds then, plus what the spec
+gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that exceeds the
+limit gets a MemoryError in its own step, or the process ends in C code. Where the agent has control groups
+(`partition_groups`), the same limit holds for the partition with its child processes and shared memory; the kernel
+kills a partition that exceeds it.
 """
 
 import os
@@ -46,12 +47,12 @@ _STANDS_BACK = 5  # steps of "niceness"
 
 
 @dataclass(slots=True)
-class _Asked:
+class _PendingStep:
     """A step that has not been answered."""
 
     module: int
     release: int
-    since_ns: int | None = None  # it was told, or the step before it ended; None: it has not been told yet
+    since_ns: int | None = None  # order sent, or the step before it ended; None: not sent yet
     cpu_ns: int = 0  # processor time of the partition then
     is_wanted: bool = True  # its module has not been stopped since
 
@@ -60,16 +61,16 @@ class PartitionProcess:
     """A partition from its exec to its end."""
 
     def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
-        """Start it. `ram` is what the spec gives its modules, in bytes. Raises OSError."""
+        """Start the process. `ram` is what the spec gives its modules, in bytes. Raises OSError."""
         self.name, self._ram, self._groups = name, ram, groups
         self.loading = True
-        self.broken: str | None = None  # why it is no good any more
+        self.broken: str | None = None  # why the partition cannot be used any more
         self.refusals_due: Counter[int] = Counter()  # STARTs that it may still refuse, by module
-        self._asked: deque[_Asked] = deque()
-        self._orders: list[Order] = []  # what it is to be told when the turn ends
-        self._waited_before_ns = 0  # what it had waited when that was last asked for, between two steps
-        self._sample_ns = 0  # when to ask again
-        self.gathers = False  # its answers come together until `look_ns`; nobody is woken for the first
+        self._pending: deque[_PendingStep] = deque()
+        self._orders: list[Order] = []  # to be sent when the turn ends
+        self._waited_before_ns = 0  # waiting time when last read, between two steps
+        self._sample_ns = 0  # when to read it again
+        self.gathers = False  # do not select: its answers are read together at `look_ns`
         self.look_ns = 0
         self._begun_ns = time.monotonic_ns()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -86,26 +87,26 @@ class PartitionProcess:
 
     @property
     def owes(self) -> bool:
-        """Tell whether it owes an answer."""
-        return self.loading or bool(self._asked)
+        """Tell whether the partition has an order to answer."""
+        return self.loading or bool(self._pending)
 
     @property
     def computing(self) -> int | None:
-        """Module whose step it owes."""
-        return self._asked[0].module if self._asked else None
+        """Module whose step it computes; None when it has no step to answer."""
+        return self._pending[0].module if self._pending else None
 
     def send(self, order: Order) -> None:
-        """Have it told something, when `flush` is called."""
+        """Queue an order for the next `flush`."""
         self._orders.append(order)
 
     def flush(self, now_ns: int) -> None:
-        """Tell it all that it is to be told; one that does not take it is broken."""
+        """Send the queued orders as one packet; a partition that cannot take it is broken."""
         if not self._orders:
             return
         orders, self._orders = self._orders, []
-        if self._asked:
+        if self._pending:
             self.gathers, self.look_ns = True, now_ns + GATHER_NS
-        cpu_ns = self._cpu_ns() if self._asked else 0
+        cpu_ns = self._cpu_ns() if self._pending else 0
         try:
             self._socket.send(encode_orders(orders))
         except BlockingIOError:
@@ -113,63 +114,67 @@ class PartitionProcess:
         except OSError:
             pass  # it has ended: that is read from the socket
         told_ns = time.monotonic_ns()
-        for asked in self._asked:
-            if asked.since_ns is None:
-                asked.since_ns, asked.cpu_ns = told_ns, cpu_ns
+        for pending in self._pending:
+            if pending.since_ns is None:
+                pending.since_ns, pending.cpu_ns = told_ns, cpu_ns
 
-    def ask(self, module: int, release: int, now_ns: int) -> None:
-        """It is asked for a step."""
-        if not self._asked and now_ns >= self._sample_ns:
+    def expect(self, module: int, release: int, now_ns: int) -> None:
+        """Note that a step is ordered."""
+        if not self._pending and now_ns >= self._sample_ns:
             self._waited_before_ns, self._sample_ns = self._waited_ns(), now_ns + SAMPLE_NS
-        self._asked.append(_Asked(module, release))
+        self._pending.append(_PendingStep(module, release))
 
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
-        """It has answered; gives what the step has spent, or None when it was not asked for that."""
-        if not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
+        """Take the answer to a step; gives what the step has spent in ns, or None when no such step was ordered."""
+        if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None
-        asked = self._asked.popleft()
-        if self._asked and self._asked[0].since_ns is not None:
-            self._asked[0].since_ns = max(self._asked[0].since_ns, ended_ns)
-            self._asked[0].cpu_ns = self._cpu_ns()
-        took_ns = max(0, ended_ns - (asked.since_ns or ended_ns))
+        pending = self._pending.popleft()
+        if self._pending and self._pending[0].since_ns is not None:
+            self._pending[0].since_ns = max(self._pending[0].since_ns, ended_ns)
+            self._pending[0].cpu_ns = self._cpu_ns()
+        took_ns = max(0, ended_ns - (pending.since_ns or ended_ns))
         if took_ns <= period_ns:
             return took_ns
         if self._schedstat is None:
-            return self._cpu_ns() - asked.cpu_ns
-        self._sample_ns = 0  # the next step is judged exactly
+            return self._cpu_ns() - pending.cpu_ns
+        self._sample_ns = 0  # the waiting time is read before the next step
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def disown(self, module: int) -> None:
-        """A module has been stopped: what it still computes is of use to nobody."""
-        for asked in self._asked:
-            asked.is_wanted = asked.is_wanted and asked.module != module
+        """A module has been stopped: mark its steps as unwanted."""
+        for pending in self._pending:
+            pending.is_wanted = pending.is_wanted and pending.module != module
 
     def unwanted(self, now_ns: int) -> tuple[int, int] | None:
-        """A module that was stopped and still computes, and what its step has spent."""
-        if not self._asked or self._asked[0].is_wanted:
+        """A module that was stopped and still computes, with what its step has spent in ns; None if there is none."""
+        if not self._pending or self._pending[0].is_wanted:
             return None
-        first = self._asked[0]
+        first = self._pending[0]
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """What a step has spent that is not over; 0 for one that is not under way, or whose answer is there."""
-        if self.loading or not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
+        """Time in ns that an unfinished step has spent; 0 for one that has not begun, or whose answer has arrived."""
+        if (
+            self.loading
+            or not self._pending
+            or (self._pending[0].module, self._pending[0].release) != (module, release)
+        ):
             return 0
-        asked = self._asked[0]
-        if asked.since_ns is None or self._has_spoken():
+        pending = self._pending[0]
+        if pending.since_ns is None or self._has_spoken():
             return 0
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
-            return self._cpu_ns() - asked.cpu_ns
-        return max(0, now_ns - asked.since_ns - (self._waited_ns() - self._waited_before_ns))
+            return self._cpu_ns() - pending.cpu_ns
+        return max(0, now_ns - pending.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def loading_ns(self, now_ns: int) -> int:
-        """What it has spent since it was started."""
+        """Time in ns that the process has spent since its start."""
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns()
         return now_ns - self._begun_ns - self._waited_ns()
 
     def _has_spoken(self) -> bool:
-        """Tell whether there is something to read, if only that it has ended."""
+        """Tell whether there is something to read, or the process has ended."""
         try:
             self._socket.recv(1, socket.MSG_PEEK)
         except BlockingIOError:
@@ -179,7 +184,7 @@ class PartitionProcess:
         return True
 
     def receive(self) -> bytes | None:
-        """Next packet; None when there is none, or nothing will come any more (`broken`)."""
+        """Next packet; None when there is none, or the process has ended (`broken`)."""
         try:
             packet = self._socket.recv(ANSWER_BYTES + 1)
         except BlockingIOError:
@@ -192,7 +197,7 @@ class PartitionProcess:
         return packet
 
     def limit_memory(self) -> None:
-        """Let it take no more than what it holds now and what it was given."""
+        """Limit its memory to what it holds now, what the spec gives its modules, and SLACK_BYTES."""
         try:
             with open(f"/proc/{self.pid}/statm", encoding="ascii") as statm:  # noqa: PTH123 - no pathlib in the agent
                 held = int(statm.read().split()[_STATM_DATA]) * _PAGE_BYTES
@@ -204,7 +209,7 @@ class PartitionProcess:
             self._group.limit(self._ram + SLACK_BYTES)
 
     def kill(self) -> None:
-        """End it by force; `reap` tells when it is gone."""
+        """Kill the process; `reap` tells when it is gone."""
         self._socket.close()
         if self._schedstat is not None:
             os.close(self._schedstat)
@@ -215,7 +220,7 @@ class PartitionProcess:
             os.kill(self.pid, signal.SIGKILL)
 
     def reap(self) -> str | None:
-        """How it ended, in words; None while it has not."""
+        """How the process ended, in words; None while it has not."""
         pid, status = os.waitpid(self.pid, os.WNOHANG)
         if not pid:
             return None
@@ -225,7 +230,7 @@ class PartitionProcess:
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
     def _waited_ns(self) -> int:
-        """How long it has waited for a processor, up to when it last got one."""
+        """Time in ns that the process has waited for a processor, up to when it last got one."""
         if self._schedstat is None:
             return 0
         try:

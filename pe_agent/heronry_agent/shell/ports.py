@@ -1,10 +1,10 @@
-"""Which python-can bus each port of a PE is, from the command line.
+"""Which python-can bus each port of a PE uses, from the command line.
 
 python-can's own flags (and can.conf, and CAN_*) name the uplink, the bus toward the manager. `--bus
 NAME=[INTERFACE:]CHANNEL` names any bus of the table; without an interface it is that of the flags. The bit rate is the
-table's, unless the flags give another for the uplink; that of a radio is what it carries through the air, which the
-adapter before it need not be told (an slcan modem takes the rates of CAN controllers alone). Of a replicated bus both
-channels are named.
+table's, unless the flags give another for the uplink; the bit rate of a radio is that of its air link, which is not
+passed to the adapter (an slcan modem takes only the rates of CAN controllers). For a replicated bus both channels are
+named.
 """
 
 import argparse

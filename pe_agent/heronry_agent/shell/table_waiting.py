@@ -1,18 +1,18 @@
-"""A PE that was started with nothing but its node-ID: it waits on the bus until it is given its table by SDO.
+"""A PE that was started with its node-ID alone: it waits on the bus until it receives its table by SDO.
 
     waiting   a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services. It sends no
-              state frame, so to a manager it is down, and nobody plans with it
-    given     object 2020h was written with a table that can be used, whose node-ID is this one's. The answer still
+              state frame, so a manager takes it for down and plans without it
+    given     object 2020h was written with a table that can be used and has the node-ID of this node. The answer still
               goes out; then the agent starts as if the table had been a file
 
-With a key the node asks a manager that speaks for a fresh start, as every PE does (`authenticity`), and obeys nothing
-of it but LEASE and UNLOCK. Only while it is unlocked does it take a table, and only one that is sealed with the key:
-the UNLOCK says when, the seal says what, whoever sends.
+With a key the node asks a manager that it hears for a fresh start, as every PE does (`authenticity`), and executes only
+LEASE and UNLOCK. It takes a table only while it is unlocked, and only one that is sealed with the key: UNLOCK decides
+when, the seal decides which table, from any sender.
 
 Lost, late, doubled: as in `sdo_server`; a table arrives complete and checked, or not at all. One that cannot be used is
-refused with 0609 0030h, and noted with the reason. Forged: without a key, whoever sends the table decides which of the
-code that is installed here will run. So a PE waits only where it was told to at its start, for a bus whose nodes are
-all trusted, and a PE that has its table takes no other. After a restart it waits again.
+refused with 0609 0030h, and noted with the reason. Forged: without a key, the sender of the table decides which of the
+code that is installed here will run. So a PE waits for a table only if it was started with that option, meant for a bus
+whose nodes are all trusted, and a PE that has its table takes no other. After a restart the PE waits again.
 """
 
 import os
@@ -50,13 +50,13 @@ _LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
 
 
 class WaitingCore:
-    """The node as long as it has no table; `table` is what it was given."""
+    """The node as long as it has no table; `table` is the table that it has received."""
 
     def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
-        """Wait as this node (92..125), on a bus of so many bit/s; the first deadline is now.
+        """Wait as this node (92..125), on a bus of `bitrate` bit/s; the first deadline is now.
 
-        secret: the key of the fleet; with one nothing is taken but what was sealed with it, and only while unlocked.
-        Raises TableError where the node is no PE's.
+        secret: the key of the fleet; with a key only a table sealed with it is taken, and only while unlocked.
+        Raises TableError where the node-ID is not that of a PE.
         """
         self.table: PeTable | None = None
         self._node = node
@@ -82,11 +82,11 @@ class WaitingCore:
 
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that means something to a node that waits."""
+        """Every identifier that a waiting node takes."""
         return self._handlers
 
     def step(self, now_ns: int, event: Received | Tick) -> list[Action]:
-        """Take one event and give what is to be done."""
+        """Take one event; gives the actions to be done."""
         out = self._turn.begin(now_ns)
         if isinstance(event, Tick):
             self._canopen.tick()
@@ -98,11 +98,11 @@ class WaitingCore:
         return out
 
     def next_deadline_ns(self) -> int:
-        """When to call with Tick, if nothing comes before."""
+        """Time in ns at which to call with Tick, if no event comes before."""
         return self._canopen.next_ns
 
     def _accept(self, manager: int, command: Command, event: Received) -> None:
-        """A command that was proven: whose reign it is counts, and whether this node is unlocked."""
+        """Execute a proven command: LEASE, which names the active manager, or UNLOCK for this node; no other."""
         message = decode_command(command, event.frame.data)
         if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
             return
@@ -128,7 +128,7 @@ class WaitingCore:
 
 
 def _empty_table(node: int, bitrate: int) -> PeTable:
-    """Table of a PE that can run nothing."""
+    """Table of a PE without modules."""
     port = Port("uplink", bitrate, USUAL_HEARTBEAT_NS, USUAL_MISSES, wireless=False, channels=1, nodes=())
     table = PeTable(
         format=FORMAT,
@@ -146,11 +146,11 @@ def _empty_table(node: int, bitrate: int) -> PeTable:
         devices=(),
         module_names=(),
     )
-    return PeTable.from_json(table.to_json())  # so that it is checked as any other
+    return PeTable.from_json(table.to_json())  # checked like any other table
 
 
 class Waiting:
-    """The thin shell of a WaitingCore: one bus, one select loop."""
+    """The driver of a WaitingCore: one bus, one select loop."""
 
     def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
         """`tell` gets every note as it happens."""

@@ -1,9 +1,9 @@
-"""Drills: one real node alone on a bus, and everybody else on it played by the book, rightly and wrongly.
+"""Conformance tests: one real node alone on a simulated bus; the test plays all other nodes, correct and faulty.
 
-Flights rarely bring a node to what it must refuse, or to the last millisecond of what it may wait. A drill does: it is
-a short story in virtual time, told in frames. It knows docs/protocol.md and asks no core; what it judges are frames,
-and when they came.
+Flights rarely bring a node to a frame that it must refuse, or to the last millisecond of a time limit. A conformance
+test does: it is a short story in virtual time, told in frames. It knows docs/protocol.md and reads no state of a core;
+it checks frames and the times at which they came.
 
-    pe_*          a PE, with a manager and neighbours that are played
-    manager_*     a manager, with PEs and another manager that are played
+    pe_*          a real PE; the manager and the neighbours are played
+    manager_*     a real manager; the PEs and another manager are played
 """

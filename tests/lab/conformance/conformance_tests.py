@@ -1,4 +1,4 @@
-"""All drills, by name: FILE.DRILL. Every public function of a file of drills is one."""
+"""All conformance tests, by name: FILE.TEST. Every public function of one of the files is a test."""
 
 from collections.abc import Callable, Iterator, Mapping
 from inspect import isfunction
@@ -45,7 +45,7 @@ _FILES = (
 )
 
 
-def _drills_of(file: ModuleType) -> Iterator[ConformanceTest]:
+def _tests_of(file: ModuleType) -> Iterator[ConformanceTest]:
     """Every public function of a file, in the order in which they stand there."""
     for name, found in vars(file).items():
         if isfunction(found) and found.__module__ == file.__name__ and not name.startswith("_"):
@@ -55,15 +55,15 @@ def _drills_of(file: ModuleType) -> Iterator[ConformanceTest]:
 CONFORMANCE_TESTS: Mapping[str, ConformanceTest] = {
     f"{file.__name__.rpartition('.')[2]}.{conformance_test.__name__}": conformance_test
     for file in _FILES
-    for conformance_test in _drills_of(file)
+    for conformance_test in _tests_of(file)
 }
 
 
 def conforms(name: str) -> tuple[str | None, str]:
-    """Play a drill; gives what went wrong, if anything did, and a digest of all frames."""
+    """Run a conformance test; gives what went wrong, None if nothing did, and a digest of all frames."""
     said = player.begin()
     try:
         CONFORMANCE_TESTS[name]()
-    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+    except Exception as error:  # noqa: BLE001 - any exception of a core is a result of the test
         return f"{type(error).__name__}: {error}".partition("\n")[0][:200], said.so_far()
     return None, said.so_far()

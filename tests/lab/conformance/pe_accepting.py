@@ -1,4 +1,4 @@
-"""Whom a PE obeys, and what of that reaches it (rules 4, 7 and 11)."""
+"""Which commands a PE accepts (protocol rules 4, 7 and 11)."""
 
 from heronry_wire.canopen_objects import COUNTERS
 from heronry_wire.frame import Frame
@@ -21,7 +21,7 @@ def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
 
 
 def the_highest_term_is_accepted() -> None:
-    """From 1 to 4095; a lower one no more; the same one of another manager never."""
+    """From 1 to 4095; a lower one no more; the same term of another manager never."""
     pe = PeUnderTest()
     pe.run(10)
     answered = [
@@ -34,7 +34,7 @@ def the_highest_term_is_accepted() -> None:
 
 
 def a_deposed_manager_is_told_once() -> None:
-    """STALE_TERM in page 1, the first time only; the next true PREPARE clears it."""
+    """The PE reports STALE_TERM in page 1, the first time only; the next true PREPARE clears it."""
     pe = PeUnderTest().attended()
     pe.run(7)
     for told in (True, False, False):
@@ -48,8 +48,8 @@ def a_deposed_manager_is_told_once() -> None:
     equal(pe.page_1().reason, Reason.NONE, "after the next epoch its reason is")
 
 
-def nobody_is_told_of_a_term_before_the_first() -> None:
-    """A PE that has never had a manager tells nobody that he is deposed; and not while it collects a slice."""
+def a_stale_term_is_not_reported_before_the_first_manager() -> None:
+    """A PE without a manager so far reports no STALE_TERM, nor does a PE while it collects a slice."""
     pe = PeUnderTest()
     pe.run(7)
     began_ns = pe.now_ns
@@ -65,11 +65,11 @@ def nobody_is_told_of_a_term_before_the_first() -> None:
     pe.main.command(Ping(4, NODE, 0))
     pe.run(2)
     pe.says_nothing_of_it(began_ns)
-    equal(pe.object(COUNTERS, 1) > 0, True, "what it does not obey is counted")
+    equal(pe.object(COUNTERS, 1) > 0, True, "refused commands are counted")
 
 
 def a_new_term_goes_on_where_the_old_one_was() -> None:
-    """An epoch that was staged in one term can be activated in the next; ALIVE of the old one is void then."""
+    """An epoch that was staged in one term can be activated in the next; ALIVE of the old term is refused then."""
     pe = PeUnderTest().attended().flies()
     pe.term, pe.manager = 6, LAST_MANAGER
     pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST)
@@ -77,13 +77,13 @@ def a_new_term_goes_on_where_the_old_one_was() -> None:
     page = pe.page_0()
     equal((page.state, page.epoch, page.digest), (PeState.ACTIVE, _EPOCH, _DIGEST), "under a new manager it runs")
     demand(PeFlags.HEARS_LEASE in page.flags, "the new manager is not heard")
-    pe.main.command(Alive(5, 0, frozenset()))  # of the old one: it must not be believed
+    pe.main.command(Alive(5, 0, frozenset()))  # of the old term: it must be refused
     pe.run(3)
     demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "a deposed manager's ALIVE takes the outputs away")
 
 
 def malformed_commands_change_nothing() -> None:
-    """Cut short, or with a step or an operation that there is not: counted, and nothing else."""
+    """A command that is cut short, or has an unknown step or operation, is counted and has no other effect."""
     pe = PeUnderTest().attended().flies()
     pe.run(5)
     before, counted = pe.page_0(), pe.object(COUNTERS, 1)
@@ -108,7 +108,7 @@ def malformed_commands_change_nothing() -> None:
 
 
 def other_people_s_frames_are_no_commands() -> None:
-    """29 bits, remote and error frames under our numbers are counted, and change nothing."""
+    """29-bit, remote and error frames under this protocol's identifiers are counted, and change nothing."""
     pe = PeUnderTest().attended()
     pe.run(7)
     counted, began_ns = pe.object(COUNTERS, 1), pe.now_ns
@@ -116,11 +116,11 @@ def other_people_s_frames_are_no_commands() -> None:
     pe.main.say(ping._replace(extended=True), ping._replace(remote=True, data=b""))
     pe.run(3)
     equal(len(pe.pages_0(began_ns)), 0, "pages 0 after 29 bits")
-    equal(pe.object(COUNTERS, 1), counted + 2, "frames that are none of ours are counted")
+    equal(pe.object(COUNTERS, 1), counted + 2, "frames of other protocols are counted")
 
 
 def a_lease_is_heard_for_t_lease_after_a_pause_too() -> None:
-    """What waited while the processor stood still is as old as it is."""
+    """A frame that waited while the processor stood still keeps its age."""
     pe = PeUnderTest().attended()
     pe.run(5)
     pe.lease = None

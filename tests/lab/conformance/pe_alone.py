@@ -1,4 +1,4 @@
-"""A PE without a manager (rule 7): it keeps what it runs, or lets what is expendable rest."""
+"""A PE without a manager (protocol rule 7): it keeps its modules, or lets the expendable ones rest."""
 
 from dataclasses import replace
 
@@ -25,16 +25,16 @@ _PART = replace(EVERYTHING, expendable=frozenset((HELPER,)))
 
 def _flying() -> PeUnderTest:
     pe = PeUnderTest(replace(TABLE, without_manager="safe_mode")).attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(_PART)
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     return pe
 
 
 def it_keeps_what_it_runs() -> None:
-    """With `keep` nothing rests, however long nobody reigns; it says that it hears no lease."""
+    """With `keep` no module rests, for any time without an active manager; the state says that no lease is heard."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies()
     pe.lease = pe.alive = None
     began_ns = pe.run(1000)
@@ -45,7 +45,7 @@ def it_keeps_what_it_runs() -> None:
 
 
 def what_is_expendable_rests_after_t_lease() -> None:
-    """No earlier; it says the same state, and another load."""
+    """Not earlier; the PE reports the same state, and another load."""
     pe = _flying()
     leased_ns = pe.now_ns // PERIOD_NS * PERIOD_NS
     pe.lease = pe.alive = None
@@ -57,7 +57,7 @@ def what_is_expendable_rests_after_t_lease() -> None:
     equal((page.state, page.epoch, page.digest), (PeState.ACTIVE, _EPOCH, _DIGEST), "while a part rests it says")
     equal(pe.page_1().load, 80, "load while a part rests")
     told_ns = [t_ns for t_ns, one in pe.pages_1(leased_ns) if one.load == 80]
-    demand(told_ns[0] < leased_ns + LEASE_NS + 3 * MS, "that a part rests is not told at once")
+    demand(told_ns[0] < leased_ns + LEASE_NS + 3 * MS, "that a part rests is not reported immediately")
 
 
 def what_rests_starts_when_it_is_named_again() -> None:
@@ -75,7 +75,7 @@ def what_rests_starts_when_it_is_named_again() -> None:
         began_ns = pe.run(50)
         equal(bool(pe.data(HELP_ID, began_ns)), starts, f"what rests runs after {lease}")
     told = [one for one in pe.pages_1(began_ns - 45 * MS) if one[1].load == 100]
-    demand(bool(told) and told[0][0] - began_ns < 0, "that everything runs again is not told at once")
+    demand(bool(told) and told[0][0] - began_ns < 0, "that everything runs again is not reported immediately")
     pe.run(200)
     equal(pe.page_1().load, 100, "load when everything runs again")
 
@@ -83,11 +83,11 @@ def what_rests_starts_when_it_is_named_again() -> None:
 def what_was_cleared_rests_with_the_others() -> None:
     """A module that has failed and was cleared is expendable still: a new term that names nothing starts none."""
     pe = PeUnderTest(replace(TABLE, without_manager="safe_mode")).attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(replace(EVERYTHING, expendable=frozenset((HELPER, LAMP))))
-    helps, puppets.PULLED["helper"] = puppets.PULLED["helper"], puppets.raising
+    helps, puppets.BEHAVIOUR["helper"] = puppets.BEHAVIOUR["helper"], puppets.raising
     pe.run(800)
-    puppets.PULLED["helper"] = helps
+    puppets.BEHAVIOUR["helper"] = helps
     for operation, kind in (
         (Operation.ACKNOWLEDGE, ElementKind.MODULE),
         (Operation.ACKNOWLEDGE, ElementKind.MODULE | RESTART_HEARD),
@@ -107,7 +107,7 @@ def what_was_cleared_rests_with_the_others() -> None:
 
 
 def a_new_configuration_starts_what_it_wants() -> None:
-    """Also what rested in the one before; and what rests when its PE breaks is stopped."""
+    """It starts modules that rested in the previous one, too; a module that rests at BREAK is stopped."""
     pe = _flying()
     kept = pe.lease, pe.alive
     pe.lease = pe.alive = None

@@ -1,4 +1,4 @@
-"""What a PE answers when tools ask: node services of CANaerospace, names in its objects, a table with a seal."""
+"""How a PE answers tools: node services of CANaerospace, names in its objects, a table with a seal."""
 
 from heronry_wire.canaerospace import DataType, Value
 from heronry_wire.canopen_objects import COUNTERS, HEARTBEAT_TIME, MODULE_MODES, TIME
@@ -21,10 +21,10 @@ from lab.conformance import puppets
 from lab.conformance.pe_keyed import KEY, OTHER_KEY, Keyed
 from lab.conformance.pe_serving import Client
 from lab.conformance.pe_under_test import (
+    CONTROL,
     EVERYTHING,
     NEIGHBOUR,
     NODE,
-    PRE_PLANNER,
     SERVO,
     PeUnderTest,
     gaps,
@@ -33,13 +33,13 @@ from lab.conformance.pe_under_test import (
 from lab.conformance.player import MS, demand, equal
 
 _REQUEST_ID, _ANSWER_ID = service_id(0, is_answer=False), service_id(0, is_answer=True)
-_PLACE_MS = NODE - 92  # who is asked with everybody waits for so long
+_PLACE_MS = NODE - 92  # the delay of its answer to a request to all nodes
 _NO_TIME = 0xFFFF_FFFF
 _REFUSED, _BUSY = "30 00 09 06", "22 00 00 08"
 
 
 def _asks(pe: PeUnderTest, service: Service | int, node: int, kind: DataType, value: Value = None) -> int:
-    """Ask in the quiet part of a period; gives when."""
+    """Send a request in the quiet part of a period; gives its time."""
     pe.run_into_next_period(5)
     pe.main.say(encode_service(request(service, node, data_type=kind, value=value, message_code=9)))
     return pe.now_ns
@@ -50,19 +50,19 @@ def _answers(pe: PeUnderTest, since_ns: int) -> list[tuple[int, ServiceMessage]]
     for t_ns, frame in pe.main.since(since_ns, [_ANSWER_ID]):
         message = decode_service(frame)
         assert isinstance(message, ServiceMessage)
-        equal(message.datum.node_id, NODE, "who answers")
+        equal(message.datum.node_id, NODE, "nodes that answer")
         found.append((t_ns, message))
     return found
 
 
-def it_says_who_it_is() -> None:
-    """At once to whoever asks it alone, at its place to whoever asks everybody, to nobody who asks another."""
+def it_answers_an_identification_request() -> None:
+    """Immediately to a request to it alone, at its place to one to all nodes, not at all to one to another node."""
     pe = PeUnderTest().attended()
     for node, after_ms in ((NODE, 0), (BROADCAST, _PLACE_MS), (NEIGHBOUR, None)):
         began_ns = _asks(pe, Service.IDS, node, DataType.NODATA)
         pe.run(45)
         answers = _answers(pe, began_ns)
-        equal(len(answers), 0 if after_ms is None else 1, f"answers to who asks {node}")
+        equal(len(answers), 0 if after_ms is None else 1, f"answers to a request to {node}")
         for t_ns, message in answers:
             late_ns = t_ns - began_ns - (after_ms or 0) * MS
             demand(0 < late_ns < MS, f"IDS of {node} is answered {late_ns} ns late")
@@ -70,7 +70,7 @@ def it_says_who_it_is() -> None:
 
 
 def it_keeps_the_time_that_it_is_given() -> None:
-    """To be read, with its age; only a ULONG is a time. Nobody is answered."""
+    """The time can be read, with its age; only a ULONG is a time. There is no answer."""
     pe = PeUnderTest().attended()
     equal((pe.object(TIME, 1), pe.object(TIME, 2)), (0, _NO_TIME), "time, before any")
     for kind, value, kept in ((DataType.FLOAT, 1.0, 0), (DataType.ULONG, 123_456, 123_456)):
@@ -82,7 +82,7 @@ def it_keeps_the_time_that_it_is_given() -> None:
 
 
 def only_the_interval_of_its_heartbeat_can_be_set() -> None:
-    """In whole ms from 100 on, or 0 for none; each of its own requests is answered, and nothing else changes."""
+    """In whole ms from 100 on, or 0 for none; every request to this node is answered, and nothing else changes."""
     pe = PeUnderTest().attended()
     own, ok, refused = heartbeat_id(NODE), Result.OK.message_code, Result.OUT_OF_RANGE.message_code
     interval = 1000
@@ -111,7 +111,7 @@ def only_the_interval_of_its_heartbeat_can_be_set() -> None:
 
 
 def it_says_its_state_when_asked_but_not_at_any_rate() -> None:
-    """Both pages, at once or at its place; however often it is asked, once in a heartbeat period."""
+    """Both pages, immediately or at its place; for any number of requests once in a heartbeat period."""
     pe = PeUnderTest().attended()
     pe.run(100)
     for node, after_ms in ((NODE, 0), (BROADCAST, _PLACE_MS), (NEIGHBOUR, None)):
@@ -131,7 +131,7 @@ def it_says_its_state_when_asked_but_not_at_any_rate() -> None:
 
 
 def other_services_are_not_answered() -> None:
-    """Nor counted; what is malformed is."""
+    """Nor are they counted; malformed requests are."""
     pe = PeUnderTest().attended()
     before = pe.object(COUNTERS, 1)
     for service in (Service.FPS, Service.BSS, 77):
@@ -147,17 +147,17 @@ def other_services_are_not_answered() -> None:
 def its_objects_name_the_modes() -> None:
     """Of each module the mode in which it runs; of one that does not run none."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(EVERYTHING)
-    for module, mode in ((PRE_PLANNER, b"fine"), (SERVO, b"only")):
+    for module, mode in ((CONTROL, b"fine"), (SERVO, b"only")):
         equal(pe.object(MODULE_MODES, module + 1), int.from_bytes(mode, "little"), f"mode of module {module}")
     client = Client(PeUnderTest())
-    answers = client.asks(f"40 {MODULE_MODES.to_bytes(2, 'little').hex()} {PRE_PLANNER + 1:02x}")
+    answers = client.asks(f"40 {MODULE_MODES.to_bytes(2, 'little').hex()} {CONTROL + 1:02x}")
     equal([(data[0], data[4:]) for data in answers], [(0x41, bytes(4))], "mode of a module that does not run")
 
 
 def a_table_needs_its_seal() -> None:
-    """Of the key of the fleet; then it is taken if it is the one that is here. Without a key it needs none."""
+    """With a key it needs a seal of the key, and is taken if it is the present table. Without a key it needs none."""
     plain = PeUnderTest()
     plain.run(30)
     equal(Client(plain).writes_table(plain.table.to_json().encode()), None, "why its own table is refused")

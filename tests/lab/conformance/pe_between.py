@@ -1,4 +1,4 @@
-"""A PE that is a gateway, to a wire or to a radio: what it hands on, when, and what it tells of the radio (rule 9)."""
+"""A PE as a gateway, to a wire or to a radio: what it forwards, when, and its report on the radio (protocol rule 9)."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ _LEASE_ID, _ALIVE_ID = management_id(126, Command.LEASE), management_id(126, Com
 
 
 def commands_are_handed_on() -> None:
-    """Away from the manager, what the gateway obeys itself: slices toward their node only, all else at once."""
+    """The gateway forwards commands that it accepts itself: slices toward their node only, all others immediately."""
     pe = PeUnderTest(_GATEWAY).attended()
     handed_on = (
         Prepare(5, 9, 9),
@@ -88,11 +88,11 @@ def commands_are_handed_on() -> None:
     began_ns = pe.run_into_next_period(8)
     pe.main.command(Ping(5, 0, 0), manager=127)
     pe.run(3)
-    equal(pe.far.since(began_ns, [management_id(127, Command.PING)]), [], "what a deposed manager says, on the far bus")
+    equal(pe.far.since(began_ns, [management_id(127, Command.PING)]), [], "from a deposed manager, on the far bus")
 
 
 def lease_and_alive_go_on_at_the_far_pace() -> None:
-    """Once in its heartbeat period while they say the same, and at once when they say something new."""
+    """Once in the far heartbeat period while their content is the same, and immediately when it is new."""
     pe = PeUnderTest(_GATEWAY).attended()
     began_ns = pe.run(2000)
     for identifier in (_LEASE_ID, _ALIVE_ID):
@@ -104,11 +104,11 @@ def lease_and_alive_go_on_at_the_far_pace() -> None:
     began_ns = pe.run(25)
     for identifier in (_LEASE_ID, _ALIVE_ID):
         first_ns = pe.far.since(began_ns, [identifier])[0].t_ns
-        demand(first_ns - began_ns < 22 * MS, f"news under {identifier} wait for {(first_ns - began_ns) / MS} ms")
+        demand(first_ns - began_ns < 22 * MS, f"a change of {identifier} waits for {(first_ns - began_ns) / MS} ms")
 
 
-def nobody_commands_from_beyond() -> None:
-    """What comes from the far bus is counted, and neither obeyed nor handed on."""
+def commands_from_beyond_are_refused() -> None:
+    """A command from the far bus is counted, and neither executed nor forwarded."""
     pe = PeUnderTest(_GATEWAY).attended()
     began_ns = pe.run_into_next_period(8)
     pe.far.command(Ping(5, NODE, 0), Lease(9, 1, Step.GO_ALL, 1), Alive(5, 0, frozenset()), Prepare(9, 1, 1))
@@ -117,11 +117,11 @@ def nobody_commands_from_beyond() -> None:
     equal(pe.pages_0(began_ns), [], "pages 0 after a PING from beyond")
     equal(pe.main.since(began_ns, [management_id(126, command) for command in Command]), [], "commands from beyond")
     pe.run(25)
-    demand(PeFlags.HEARS_LEASE in pe.pinged().flags, "a term from beyond is obeyed")
+    demand(PeFlags.HEARS_LEASE in pe.pinged().flags, "a term from beyond is accepted")
 
 
 def what_nodes_beyond_say_is_handed_up() -> None:
-    """State, EMCY, emergency event, heartbeat and echo of nodes beyond, and reports of gateways; of others nothing."""
+    """State, EMCY, emergency event, heartbeat and echo of nodes beyond, and reports of gateways; no other frames."""
     pe = PeUnderTest(_GATEWAY).attended()
     page = StatePage0(PeState.ACTIVE, PeFlags.HEARS_LEASE, 1, 0, 0, 0).encode()
     told = (state_id, emcy_id, emergency_event_id, heartbeat_id, actuator_echo_id)
@@ -146,7 +146,7 @@ def what_nodes_beyond_say_is_handed_up() -> None:
 
 
 def data_are_handed_on_as_wired() -> None:
-    """What the slice names, from the node it names, to the buses it names, and never back."""
+    """Sources that the slice names, from the node it names, to the buses it names, and never back."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), DEMAND: (FAR, 3)}))
     began_ns = pe.run_into_next_period(8)
@@ -158,7 +158,7 @@ def data_are_handed_on_as_wired() -> None:
     equal([one.frame for one in pe.far.since(began_ns, data)], [wired], "data on the far bus")
     equal([one.frame.can_id for one in pe.main.since(began_ns, data)], [DEMAND_ID], "data on the main bus")
     pe.flies(Slice((ModuleSlice(0, 0, ()),), publish={0: 3}), _EPOCH + 1, _DIGEST + 1)
-    puppets.pull_all()
+    puppets.behave_normally()
     began_ns = pe.run_into_next_period(8)
     pe.main.say(wired)
     pe.run(200)
@@ -194,11 +194,11 @@ def _reports(pe: PeUnderTest, since_ns: int) -> list[tuple[int, LinkReport]]:
 
 
 class _Beyond:
-    """Node 100 beyond the radio, that speaks every 100 ms."""
+    """Node 100 beyond the radio, which sends every 100 ms."""
 
     def __init__(self, pe: PeUnderTest) -> None:
         self.speaks, self.skips, self.loses = True, 0, 0  # loses: so many frames before each that comes
-        self.beside: tuple[Frame, ...] = ()  # what it says beside its page 0
+        self.beside: tuple[Frame, ...] = ()  # what it sends beside its page 0
         self.said_ns = 0
         self._pe, self._sequence = pe, 0
         self._beat()
@@ -216,7 +216,7 @@ class _Beyond:
 
 
 def a_radio_is_reported_on() -> None:
-    """Once in its heartbeat period, with a sequence; all of it is usable while nothing is missing."""
+    """Once in its heartbeat period, with a sequence; all of its bandwidth is usable while no frame is missing."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -238,7 +238,7 @@ def a_radio_is_reported_on() -> None:
 
 
 def a_radio_that_loses_frames_is_told_so() -> None:
-    """Gaps in what comes are losses: every fourth frame lost leaves three quarters."""
+    """Gaps in the sequences are losses: every fourth frame lost leaves three quarters."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     pe.attended()
@@ -254,19 +254,19 @@ def a_radio_that_loses_frames_is_told_so() -> None:
     beyond.loses = 4
     pe.run(400)
     report = _reports(pe, -1)[-1][1]
-    demand(report.usable < 250, f"four of five are lost, and {report.usable} thousandths are believed to be usable")
+    demand(report.usable < 250, f"four of five are lost, and {report.usable} thousandths are reported as usable")
     demand(report.delivered > 30, "a window of ten periods forgets in four what came before")
 
 
 def a_slow_radio_is_told_so() -> None:
-    """What the radio carries while a frame of ours is in the controller, by the time that took."""
+    """The bits that a radio carries while a frame is in the controller, divided by the time, are what it can carry."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
     pe.run(1500)
     pe.far.bus.slowdown = 4
     pe.run(350)
-    demand(_reports(pe, -1)[-1][1].usable < 500, "a radio that becomes much slower is believed to be so too late")
+    demand(_reports(pe, -1)[-1][1].usable < 500, "that a radio becomes much slower is reported too late")
     pe.run(1150)
     report = _reports(pe, -1)[-1][1]
     demand(200 <= report.usable <= 330, f"of a radio that is four times slower {report.usable} thousandths are usable")
@@ -276,7 +276,7 @@ def a_slow_radio_is_told_so() -> None:
 
 
 def a_radio_that_is_silent_is_gone() -> None:
-    """After as many periods as may be missed and an eighth, at once; back with the first frame; measured anew."""
+    """After as many periods as may be missed and an eighth it is reported; back with the first frame; measured anew."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     pe.attended()
@@ -292,14 +292,14 @@ def a_radio_that_is_silent_is_gone() -> None:
     beyond.speaks = True
     began_ns = pe.run(30)
     back = _reports(pe, began_ns)
-    demand(bool(back) and back[0][1].state is LinkState.UP, "a radio that is back is not told so at once")
+    demand(bool(back) and back[0][1].state is LinkState.UP, "that a radio is back is not reported immediately")
     demand(back[0][0] - began_ns < 28 * MS, "a radio that is back is told so late")
     pe.run(600)
     equal(_reports(pe, -1)[-1][1].usable, 1000, "usable of a radio that is back")
 
 
 def what_goes_to_a_radio_waits_in_turn() -> None:
-    """The newest of each source alone, the most urgent first; commands are not lost to newer data."""
+    """Only the newest datum of each source waits, the most urgent goes first; commands are not lost to newer data."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -324,11 +324,11 @@ def what_goes_to_a_radio_waits_in_turn() -> None:
 
 
 def what_moves_away_is_not_sent_by_radio() -> None:
-    """What of it waits at BREAK, while the radio carries nothing, is taken back."""
+    """Frames of a source that moves away, and that wait at BREAK while the radio carries nothing, are withdrawn."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(Slice((ModuleSlice(HELPER, 0, ()),), publish={HELP: 3}))
     pe.prepare(_EPOCH + 1, NOTHING, _DIGEST + 1)
     began_ns = pe.run(500)
@@ -343,7 +343,7 @@ def what_moves_away_is_not_sent_by_radio() -> None:
 
 
 def commands_wait_longer_than_data() -> None:
-    """For five periods of the radio; T_lease is for what is worth nothing when it is old."""
+    """Commands wait for five periods of the radio; T_lease applies to frames that are of no use when they are old."""
     for silent_ms, comes in ((400, True), (600, False)):
         pe = PeUnderTest(_RADIO)
         _Beyond(pe)
@@ -360,7 +360,7 @@ def commands_wait_longer_than_data() -> None:
 
 
 def after_a_pause_a_radio_is_reported_on_again() -> None:
-    """At once, and then at the old pace: periods that have passed are not made up for."""
+    """Immediately, and then with the old period: periods that have passed are not made up."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -372,7 +372,7 @@ def after_a_pause_a_radio_is_reported_on_again() -> None:
 
 
 def data_keep_to_their_share_of_a_radio() -> None:
-    """Of a radio of 100 kbit/s data take 70 kbit/s, in longest frames, and eight more after any silence."""
+    """Of a radio of 100 kbit/s data take 70 kbit/s, in longest frames, and eight frames more after any silence."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -402,7 +402,7 @@ def data_keep_to_their_share_of_a_radio() -> None:
 
 
 def a_frame_that_cannot_leave_is_given_up() -> None:
-    """After a period; what came meanwhile was carried. Then what is new goes, and little is told of bandwidth lost."""
+    """After a period; frames heard meanwhile were carried. Then new frames go, with little bandwidth reported lost."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -410,7 +410,7 @@ def a_frame_that_cannot_leave_is_given_up() -> None:
     began_ns = pe.now_ns
 
     def flood() -> None:
-        """Keep the radio full of what is more urgent."""
+        """Keep the radio full of more urgent frames."""
         pe.far.say(Frame(1, bytes(8)), Frame(1, bytes(8)))
         if pe.now_ns < began_ns + 250 * MS:
             pe.clock.at(pe.now_ns + 2 * MS, flood)
@@ -425,7 +425,7 @@ def a_frame_that_cannot_leave_is_given_up() -> None:
 
 
 def only_what_is_numbered_shows_losses() -> None:
-    """Pages 1, frames of a few bytes and heartbeats have no sequence: what they hold there is no gap."""
+    """Pages 1, frames of a few bytes and heartbeats have no sequence: their bytes in that place are no gap."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     page_1 = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0x77, Reason.NONE, 0).encode()
@@ -436,7 +436,7 @@ def only_what_is_numbered_shows_losses() -> None:
 
 
 def a_gateway_s_own_word_goes_by_radio_too() -> None:
-    """Both pages of its state, each as new as it is; its own heartbeat once a second."""
+    """Both pages of its state, the newest of each; its own heartbeat once a second."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()

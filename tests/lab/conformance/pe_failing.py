@@ -1,4 +1,4 @@
-"""What a PE tells of faults, how often, and when it gives a module up (rule 8); and how a module asks for a phase."""
+"""How a PE reports faults, when it gives a module up (protocol rule 8), and how a module requests a phase."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -34,6 +34,7 @@ from heronry_wire.pe_table import PeTable
 from heronry_wire.state_frames import PeFlags, PeState
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
+    CONTROL,
     DEMAND,
     DEMAND_ID,
     EVERYTHING,
@@ -46,7 +47,6 @@ from lab.conformance.pe_under_test import (
     LAMP,
     NODE,
     PERIOD_NS,
-    PRE_PLANNER,
     SERVO,
     SERVO_DEVICE,
     TABLE,
@@ -68,23 +68,23 @@ _TOGETHER = replace(
 
 def _flying(part: Slice | None = None, table: PeTable = TABLE) -> PeUnderTest:
     pe = PeUnderTest(table).attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}) if part is None else part)
-    pe.run(1100)  # since its outputs were held, a report is not believed for a second
+    pe.run(1100)  # for a second after its outputs were held, a report is not accepted
     return pe
 
 
 def a_report_is_repeated_until_it_is_acknowledged() -> None:
-    """Every heartbeat period; then quiet for a second, although it is found all the while; then told again."""
+    """Every heartbeat period; then it is quiet for a second, although found all the while; then reported again."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.reporting("device:gauge_sensor", detail=513)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:gauge_sensor", detail=513)
     began_ns = pe.run(505)
     told = pe.emergencies(began_ns)
     equal({said for _, said in told}, {Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 513)}, "EMCYs")
     apart = gaps(moments(told))
     demand(all(abs(gap - PERIOD_NS) < 2 * MS for gap in apart), f"EMCYs are {apart} ns apart")
     demand(len(told) >= 24, f"{len(told)} EMCYs in half a second")
-    demand(PeFlags.FAULT_PENDING in pe.pinged().flags, "a fault is pending, and it does not say so")
+    demand(PeFlags.FAULT_PENDING in pe.pinged().flags, "a fault is pending, and the flag FAULT_PENDING is missing")
     for other in ((ElementKind.DEVICE, 1), (ElementKind.MODULE, 0)):
         pe.main.command(
             Control(5, NODE, Operation.ACKNOWLEDGE, *other), Control(5, NODE + 1, Operation.ACKNOWLEDGE, 1, 0)
@@ -98,19 +98,19 @@ def a_report_is_repeated_until_it_is_acknowledged() -> None:
     pe.run_until(quiet_ns + 990 * MS)
     equal(pe.emergencies(quiet_ns), [], "EMCYs within a second of the acknowledgement")
     pe.run(50)
-    demand(bool(pe.emergencies(quiet_ns)), "what is still found is not told again after a second")
+    demand(bool(pe.emergencies(quiet_ns)), "a fault that is still found is not reported again after a second")
     equal(pe.object(ERROR_REGISTER), 0x81, "error register")
     equal(pe.object(ERROR_HISTORY), 2, "number of errors")
     equal(pe.object(ERROR_HISTORY, 1), ElementKind.DEVICE << 28 | FaultCode.REPORTED, "the last error")
 
 
-def what_is_cleared_is_taken_back_and_told_anew() -> None:
-    """CLEAR is answered with RESET once; what is still wrong is told at once."""
+def what_is_cleared_is_ended_and_reported_anew() -> None:
+    """CLEAR is answered with RESET once; a fault that still lasts is reported immediately."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     pe.run(50)
     pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE))
-    puppets.PULLED["helper"] = puppets.giving()
+    puppets.BEHAVIOUR["helper"] = puppets.giving()
     pe.run(50)
     pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.DEVICE, 0))
     began_ns = pe.run(5)
@@ -123,24 +123,28 @@ def what_is_cleared_is_taken_back_and_told_anew() -> None:
     pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.DEVICE, SERVO_DEVICE))
     began_ns = pe.run(5)
     equal(pe.emergencies(began_ns), [], "EMCYs after CLEAR again")
-    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=2)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=2)
     began_ns = pe.run(45)
     found = [said.detail for _, said in pe.emergencies(began_ns)]
-    demand(bool(found) and set(found) == {2}, "what is found after CLEAR is not told at once")
-    puppets.PULLED["helper"] = puppets.giving()
+    demand(bool(found) and set(found) == {2}, "a fault that is found after CLEAR is not reported immediately")
+    puppets.BEHAVIOUR["helper"] = puppets.giving()
     pe.run(25)
     pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.DEVICE, SERVO_DEVICE))
     began_ns = pe.run(50)
-    equal([said for _, said in pe.emergencies(began_ns)], [reset], "EMCYs after CLEAR of what nobody has acknowledged")
+    equal(
+        [said for _, said in pe.emergencies(began_ns)],
+        [reset],
+        "EMCYs after CLEAR without an acknowledgement",
+    )
 
 
 def a_new_term_is_told_what_was_heard_since_the_last_silence() -> None:
-    """Of what was acknowledged before, a CLEAR may have been missed; that a restart was heard tells nothing of it."""
+    """The PE may have missed the CLEAR of an older fault; an acknowledged restart does not make a fault younger."""
     for heard_after in (True, False):
         pe = _flying(Slice((_HELPER,), publish={2: 1}))
-        puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+        puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
         pe.run(50)
-        puppets.PULLED["helper"] = puppets.giving()
+        puppets.BEHAVIOUR["helper"] = puppets.giving()
         heard = Control(pe.term, NODE, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE)
         if not heard_after:
             pe.main.command(heard)
@@ -158,10 +162,10 @@ def a_new_term_is_told_what_was_heard_since_the_last_silence() -> None:
         equal(found, {ElementKind.DEVICE} if heard_after else set(), "what a new term is told of")
 
 
-def what_is_critical_is_told_to_everybody() -> None:
-    """With each EMCY of what serves a function of class A goes a CANaerospace emergency event; with others none."""
+def a_critical_fault_is_sent_to_all_nodes() -> None:
+    """With each EMCY of an element that serves a function of class A goes a CANaerospace emergency event."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     began_ns = pe.run(200)
     events = pe.main.since(began_ns, [emergency_event_id(NODE)])
     equal(len(events), len(pe.emergencies(began_ns)), "emergency events")
@@ -171,41 +175,41 @@ def what_is_critical_is_told_to_everybody() -> None:
     codes = [one.message_code for one in said if not isinstance(one, Malformed)]
     equal(codes, list(range(len(codes))), "their message codes")
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.reporting("device:gauge_sensor", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:gauge_sensor", detail=1)
     began_ns = pe.run(100)
     equal(pe.main.since(began_ns, [emergency_event_id(NODE)]), [], "emergency events of what is not critical")
 
 
 def nothing_is_reported_while_outputs_are_held() -> None:
-    """Nor for a second after that: a surface that nobody drives does not follow. The judge is built anew."""
+    """Nor for a second after that: a surface that no PE drives does not follow. The reporting module is built anew."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(Slice((_GAUGE, _HELPER, ModuleSlice(SERVO, 0, (None,)))))
     pe.run(1200)
     pe.alive = frozenset()
     pe.run(100)
     puppets.BUILT.clear()
-    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     began_ns = pe.run(200)
     equal(pe.emergencies(began_ns), [], "EMCYs while outputs are held")
-    demand("helper" in puppets.BUILT, "who judged while outputs were held is not built anew")
+    demand("helper" in puppets.BUILT, "a module that reported while outputs were held is not built anew")
     pe.alive = frozenset((NODE,))
     pe.run(25)
     free_ns = pe.now_ns
     pe.run(940)
     equal(pe.emergencies(free_ns), [], "EMCYs within a second after outputs were held")
     pe.run(150)
-    demand(bool(pe.emergencies(free_ns)), "a report is not believed a second after outputs were held")
+    demand(bool(pe.emergencies(free_ns)), "a report is not accepted a second after outputs were held")
     _reports_while_identifiers_are_doubted()
-    puppets.PULLED["helper"] = puppets.reporting("device:nobody", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:none", detail=1)
     pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE))
     pe.run(10)
     began_ns = pe.run(100)
-    equal(pe.emergencies(began_ns), [], "EMCYs of an element that there is not")
+    equal(pe.emergencies(began_ns), [], "EMCYs of an unknown element")
 
 
 def _reports_while_identifiers_are_doubted() -> None:
-    """After a silence of three periods the branch may be driven, and what another PE could send may not be sent."""
+    """After a silence of three periods the branch may be driven, but data of a movable module may not be sent."""
     pe = _flying(EVERYTHING)
     lease, neighbour = pe.lease, pe.neighbour
     pe.lease = pe.alive = pe.neighbour = None
@@ -213,7 +217,7 @@ def _reports_while_identifiers_are_doubted() -> None:
     pe.neighbour = neighbour
     pe.run(45)
     before = len(pe.drives)
-    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     pe.run(45)
     demand(len(pe.drives) >= before + 2, "a branch is not driven after a silence within T_lease")
     began_ns = pe.now_ns
@@ -221,14 +225,14 @@ def _reports_while_identifiers_are_doubted() -> None:
     pe.run(900)
     equal(pe.emergencies(-1), [], "EMCYs within a second after frames were held")
     pe.run(200)
-    demand(bool(pe.emergencies(began_ns)), "a report is not believed a second after frames were held")
+    demand(bool(pe.emergencies(began_ns)), "a report is not accepted a second after frames were held")
 
 
 def a_module_that_fails_is_built_anew_and_then_given_up() -> None:
-    """At once, then after 100 ms; told each time; given up at the third failure, with its restarts used up."""
+    """Immediately, then after 100 ms; reported each time; given up at the third failure, with its restarts used up."""
     pe = _flying()
     puppets.BUILT.clear()
-    puppets.PULLED["helper"] = puppets.raising
+    puppets.BEHAVIOUR["helper"] = puppets.raising
     began_ns = pe.run(400)
     told = pe.emergencies(began_ns)
     firsts = {said: t_ns for t_ns, said in reversed(told)}
@@ -246,11 +250,11 @@ def a_module_that_fails_is_built_anew_and_then_given_up() -> None:
 
 
 def a_module_that_was_given_up_runs_again_with_the_next_epoch() -> None:
-    """Not with the same one, however often it is named; and with all of its restarts."""
+    """Not with the same epoch, for any number of LEASEs; and with all of its restarts."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.raising
+    puppets.BEHAVIOUR["helper"] = puppets.raising
     pe.run(400)
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.MODULE, HELPER))
     pe.main.command(Lease(5, _EPOCH, Step.GO_ALL, _DIGEST))
     began_ns = pe.run(100)
@@ -258,9 +262,9 @@ def a_module_that_was_given_up_runs_again_with_the_next_epoch() -> None:
     pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}), _EPOCH + 1, _DIGEST + 1)
     began_ns = pe.run(100)
     demand(bool(pe.data(HELP_ID, began_ns)), "a module that was given up does not run with the next epoch")
-    puppets.PULLED["helper"] = puppets.raising
+    puppets.BEHAVIOUR["helper"] = puppets.raising
     pe.run(30)
-    puppets.pull_all()
+    puppets.behave_normally()
     began_ns = pe.run(150)
     demand(bool(pe.data(HELP_ID, began_ns)), "it has no restarts any more")
 
@@ -270,7 +274,7 @@ def a_failure_is_forgiven_after_a_minute() -> None:
     pe = _flying()
     for wait_s, times in ((0, 1), (59, 2), (61, 1)):
         pe.run(1000 * wait_s)
-        puppets.PULLED["helper"] = puppets.once(puppets.raising)
+        puppets.BEHAVIOUR["helper"] = puppets.once(puppets.raising)
         began_ns = pe.run(300)
         told = {said.detail for _, said in pe.emergencies(began_ns)}
         equal(told, {times}, f"restarts that are counted {wait_s} s later")
@@ -279,13 +283,13 @@ def a_failure_is_forgiven_after_a_minute() -> None:
 
 
 def that_a_restart_was_heard_silences_no_failure() -> None:
-    """Nor the other way round: each is told until it is acknowledged itself."""
+    """Nor the other way round: each is reported until it is acknowledged itself."""
     restart, failure = FaultCode.MODULE_RESTARTED, FaultCode.MODULE_EXCEPTION
     for order in ((RESTART_HEARD, 0), (0, RESTART_HEARD)):
         pe, left = _flying(), {restart, failure}
-        puppets.PULLED["helper"] = puppets.raising
+        puppets.BEHAVIOUR["helper"] = puppets.raising
         pe.run(400)
-        puppets.pull_all()
+        puppets.behave_normally()
         for more in order:
             pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.MODULE | more, HELPER))
             pe.run(5)
@@ -295,16 +299,16 @@ def that_a_restart_was_heard_silences_no_failure() -> None:
 
 
 def a_module_without_restarts_is_given_up_at_once() -> None:
-    """What raises, gives what its type cannot carry, or cannot drive its device."""
+    """A module that raises, gives a value that its type cannot carry, or cannot drive its device."""
     unfit = (
         ("gauge", GAUGE, puppets.giving(height="high")),
         ("gauge", GAUGE, puppets.raising),
         ("servo", SERVO, puppets.writing("far")),
     )
-    for name, index, pulled in unfit:
+    for name, index, behaviour in unfit:
         pe = _flying(Slice((_GAUGE, ModuleSlice(SERVO, 0, (None,)), _HELPER), publish={HEIGHT: 1}))
         pe.world.takes = False
-        puppets.PULLED[name] = pulled
+        puppets.BEHAVIOUR[name] = behaviour
         began_ns = pe.run(100)
         wanted = Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, index, 0)
         equal({said for _, said in pe.emergencies(began_ns)}, {wanted}, f"EMCYs when {name} fails")
@@ -312,17 +316,17 @@ def a_module_without_restarts_is_given_up_at_once() -> None:
 
 
 def what_its_mode_does_not_give_is_not_published() -> None:
-    """It is counted, and the rest is."""
+    """Such an output is counted, and the others are published."""
     pe = _flying()
     counted = pe.object(COUNTERS, 1)
-    puppets.PULLED["helper"] = puppets.giving(height=1.0, help=3)
+    puppets.BEHAVIOUR["helper"] = puppets.giving(height=1.0, help=3)
     began_ns = pe.run(200)
     equal({d.value for _, d in pe.data(HELP_ID, began_ns)[2:]}, {3}, "what it gives")
     demand(pe.object(COUNTERS, 1) >= counted + 8, "what its mode does not give is not counted")
     equal(pe.emergencies(began_ns), [], "EMCYs")
 
 
-def who_takes_too_long_is_given_up() -> None:
+def a_module_that_takes_too_long_is_given_up() -> None:
     """After ten steps in a row that have each spent more than a period, and not after nine."""
     pe = _flying()
     pe.broken["helper"] = "overrun"
@@ -334,30 +338,30 @@ def who_takes_too_long_is_given_up() -> None:
     began_ns = pe.run(600)
     told = pe.emergencies(began_ns)
     equal({said.code for _, said in told}, {FaultCode.MODULE_OVERRUN}, "codes of EMCYs")
-    took_ns = told[0][0] - began_ns  # a release that was missed is made up at once: ten steps take 300 ms
+    took_ns = told[0][0] - began_ns  # a missed release is made up immediately: ten steps take 300 ms
     demand(295 * MS < took_ns < 325 * MS, f"it is given up after {took_ns / MS} ms")
     pe.broken.clear()
 
 
-def who_hangs_is_ended() -> None:
-    """After 100 ms, or three of its periods: built anew, then given up; other partitions notice nothing."""
+def a_module_that_hangs_is_ended() -> None:
+    """After 100 ms, or three of its periods: built anew, then given up; other partitions are not affected."""
     pe = _flying()
     pe.pe.steps.stuck = True
     began_ns = pe.run(95)
     equal(pe.emergencies(began_ns), [], "EMCYs before 100 ms are spent")
     pe.run(60)
     codes = {(said.code, said.index) for _, said in pe.emergencies(began_ns)}
-    demand((FaultCode.MODULE_RESTARTED, HELPER) in codes, f"who hangs is not built anew: {codes}")
-    demand((FaultCode.MODULE_OVERRUN, GAUGE) in codes, f"who hangs is not given up: {codes}")
+    demand((FaultCode.MODULE_RESTARTED, HELPER) in codes, f"a module that hangs is not built anew: {codes}")
+    demand((FaultCode.MODULE_OVERRUN, GAUGE) in codes, f"a module that hangs is not given up: {codes}")
     pe.pe.steps.stuck = False
 
 
 def a_new_term_is_told_what_has_stopped() -> None:
-    """And asked again for the phase that was asked for last, leading on alone."""
+    """And the last phase request is sent to it again, forward only."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.asking("land")
+    puppets.BEHAVIOUR["helper"] = puppets.asking("land")
     pe.run(50)
-    puppets.PULLED["gauge"] = puppets.raising
+    puppets.BEHAVIOUR["gauge"] = puppets.raising
     pe.run(50)
     requests = [said for _, said in pe.emergencies(-1) if said.code is FaultCode.PHASE_REQUEST]
     equal({(one.index, one.detail, one.error_register) for one in requests}, {(2, 1, 0)}, "requests")
@@ -375,7 +379,7 @@ def a_new_term_is_told_what_has_stopped() -> None:
 
 
 def a_request_is_made_once() -> None:
-    """However often its module asks; another phase takes its place; it is taken back with its module."""
+    """For any number of repetitions by its module; another phase takes its place; it is withdrawn with its module."""
     pe = _flying()
     asked: list[int] = []
 
@@ -384,31 +388,31 @@ def a_request_is_made_once() -> None:
         ctx.request_phase("cruise")
         return {}
 
-    puppets.PULLED["helper"] = asks
+    puppets.BEHAVIOUR["helper"] = asks
     began_ns = pe.run(100)
     told = pe.emergencies(began_ns)
     equal({(s.index, s.detail) for _, s in told}, {(1, 1)}, "requests")
-    demand(immediate(told[0][0], asked[0]), "a request is not made at once")
+    demand(immediate(told[0][0], asked[0]), "a request is not made immediately")
     pe.main.command(Control(5, NODE, Operation.ACKNOWLEDGE, ElementKind.PHASE, 2))
     began_ns = pe.run(50)
     demand(bool(pe.emergencies(began_ns)), "an answer to another request ends it")
-    puppets.PULLED["helper"] = puppets.asking("nowhere", "climb")
+    puppets.BEHAVIOUR["helper"] = puppets.asking("nowhere", "climb")
     pe.run(25)
     began_ns = pe.run(50)
     equal({(s.index, s.detail) for _, s in pe.emergencies(began_ns)}, {(0, 2)}, "requests after another one")
     pe.flies(Slice((_GAUGE,), publish={HEIGHT: 1}), _EPOCH + 1, _DIGEST + 1)
     began_ns = pe.run(100)
-    equal(pe.emergencies(began_ns), [], "requests when the module that asked has stopped")
+    equal(pe.emergencies(began_ns), [], "requests when the module that made one has stopped")
     pe.term = 7
     pe.lease = Lease(7, _EPOCH + 1, Step.GO_ALL, _DIGEST + 1)
     began_ns = pe.run(100)
     equal(pe.emergencies(began_ns), [], "requests in a new term, of a module that has stopped")
 
 
-def a_request_that_nobody_heard_goes_on() -> None:
-    """Over new terms, as it was made; once it is acknowledged, the next term is asked under its number to lead on."""
+def a_request_without_an_acknowledgement_goes_on() -> None:
+    """Over new terms, unchanged; once it is acknowledged, it is sent to the next term with its number, forward only."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.asking("climb")
+    puppets.BEHAVIOUR["helper"] = puppets.asking("climb")
     for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 1)})):
         pe.run(50)
         pe.term, pe.lease = term, Lease(term, _EPOCH, Step.GO_ALL, _DIGEST)
@@ -421,10 +425,10 @@ def a_request_that_nobody_heard_goes_on() -> None:
 
 
 def a_phase_s_rule_holds_for_its_time() -> None:
-    """Beyond the threshold for `hold_ms` without a break: asked for once, leading on; armed again when it is back."""
+    """Beyond the threshold for `hold_ms` without a break: requested once, forward only; armed again when it is back."""
     heights = {"now": 50.0}
     pe = _flying()
-    puppets.PULLED["gauge"] = lambda _ctx, _inputs: {"height": heights["now"]}
+    puppets.BEHAVIOUR["gauge"] = lambda _ctx, _inputs: {"height": heights["now"]}
     for height, ms, asked in (
         (100.0, 400, []),  # just not beyond
         (150.0, 180, []),
@@ -445,7 +449,7 @@ def a_phase_s_rule_holds_for_its_time() -> None:
         heights["now"] = height
         began_ns = pe.run(ms)
         requests = [said for _, said in pe.emergencies(began_ns)]
-        equal(sorted({one.index for one in requests}), asked, f"phases asked for at {height} for {ms} ms")
+        equal(sorted({one.index for one in requests}), asked, f"phases requested at {height} for {ms} ms")
         demand(all(one.detail & FORWARD_ONLY for one in requests), "a rule may lead back")
         for one in requests[:1]:
             pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.PHASE, one.detail))
@@ -455,28 +459,28 @@ def a_phase_s_rule_holds_for_its_time() -> None:
 def a_rule_does_not_bridge_a_gap() -> None:
     """Without a value for three periods it begins anew."""
     pe = _flying()
-    puppets.PULLED["gauge"] = puppets.giving(height=150.0)
+    puppets.BEHAVIOUR["gauge"] = puppets.giving(height=150.0)
     pe.run(150)
-    puppets.PULLED["gauge"] = puppets.giving()
+    puppets.BEHAVIOUR["gauge"] = puppets.giving()
     pe.run(85)
-    puppets.PULLED["gauge"] = puppets.giving(height=150.0)
+    puppets.BEHAVIOUR["gauge"] = puppets.giving(height=150.0)
     began_ns = pe.run(190)
     equal(pe.emergencies(began_ns), [], "a rule fires over a gap")
     pe.run(40)
     demand(bool(pe.emergencies(began_ns)), "a rule does not fire after a gap")
 
 
-def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
-    """Where nobody was, to all who lived in it; the others begin again at once, for nothing."""
+def a_partition_that_ends_is_charged_to_the_computing_module() -> None:
+    """Where no module was computing, to all modules in it; the others begin again immediately, without a failure."""
     charged: tuple[tuple[int | None, set[tuple[FaultCode, int]]], ...] = (
         (GAUGE, {(FaultCode.MODULE_RESTARTED, GAUGE)}),
         (HELPER, {(FaultCode.MODULE_RESTARTED, HELPER)}),
         (None, {(FaultCode.MODULE_RESTARTED, GAUGE), (FaultCode.MODULE_RESTARTED, HELPER)}),
-        (SERVO, set()),  # one that has been stopped: nobody else is to blame
+        (SERVO, set()),  # one that has been stopped: no other module has failed
     )
     for computing, told in charged:
         pe = PeUnderTest(_TOGETHER).attended()
-        puppets.pull_all()
+        puppets.behave_normally()
         pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}))
         pe.run(8)
         puppets.BUILT.clear()
@@ -485,27 +489,30 @@ def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
         pe.tell(PartitionEnded("both", "killed", computing))
         pe.run(10)
         equal({(said.code, said.index) for _, said in pe.emergencies(began_ns)}, told, f"EMCYs, computing {computing}")
-        equal(sorted(puppets.BUILT), ["gauge", "helper"], "modules that begin again at once")
+        equal(sorted(puppets.BUILT), ["gauge", "helper"], "modules that begin again immediately")
         began_ns = pe.run(60)
-        demand(bool(pe.data(HEIGHT_ID, began_ns)) and bool(pe.data(HELP_ID, began_ns)), "who began again gives nothing")
+        demand(
+            bool(pe.data(HEIGHT_ID, began_ns)) and bool(pe.data(HELP_ID, began_ns)),
+            "a restarted module gives nothing",
+        )
         pe.tell(PartitionEnded("both", "killed", GAUGE))
         pe.tell(PartitionEnded("both", "killed", GAUGE))
         began_ns = pe.run(30)
         codes = {(said.code, said.index) for _, said in pe.emergencies(began_ns)}
-        demand((FaultCode.PARTITION_ENDED, GAUGE) in codes, f"who has no restarts any more is told as {codes}")
+        demand((FaultCode.PARTITION_ENDED, GAUGE) in codes, f"a module without restarts left is reported as {codes}")
 
 
 def a_request_ends_with_its_partition() -> None:
-    """Also where somebody else is charged: who begins again has asked for nothing, and is heard when it asks anew."""
+    """Also where another module is charged: a module that begins again has no request, and can make a new one."""
     pe = _flying(table=_TOGETHER)
-    puppets.PULLED["helper"] = puppets.once(puppets.asking("land"))
+    puppets.BEHAVIOUR["helper"] = puppets.once(puppets.asking("land"))
     pe.run(50)
     pe.tell(PartitionEnded("both", "killed", GAUGE))
     began_ns = pe.run(50)
-    equal(_requests(pe, began_ns), set(), "requests of who began again")
-    puppets.PULLED["helper"] = puppets.asking("land")
+    equal(_requests(pe, began_ns), set(), "requests of a module that began again")
+    puppets.BEHAVIOUR["helper"] = puppets.asking("land")
     began_ns = pe.run(50)
-    equal(_requests(pe, began_ns), {(2, 2)}, "requests of who began again, and asks anew")
+    equal(_requests(pe, began_ns), {(2, 2)}, "requests of a module that began again, and makes a new one")
 
 
 def _requests(pe: PeUnderTest, since_ns: int) -> set[tuple[int, int]]:
@@ -515,7 +522,7 @@ def _requests(pe: PeUnderTest, since_ns: int) -> set[tuple[int, int]]:
 
 
 def a_module_that_cannot_be_built_is_given_up() -> None:
-    """At once, whatever its restarts."""
+    """Immediately, with any number of restarts."""
     pe = _flying()
     began_ns = pe.now_ns
     pe.tell(StartFailed(HELPER, "it cannot"))
@@ -526,7 +533,7 @@ def a_module_that_cannot_be_built_is_given_up() -> None:
 
 
 def answers_to_old_questions_are_dropped() -> None:
-    """Of a step that was not asked for, or of a module that has stopped; they are counted, and change nothing."""
+    """Answers to a step that was not ordered, or of a module that has stopped, are counted, and change nothing."""
     pe = _flying()
     counted = pe.counted
     for stale in (
@@ -546,7 +553,7 @@ def answers_to_old_questions_are_dropped() -> None:
 
 
 def a_step_that_is_given_back_is_asked_for_anew() -> None:
-    """At once, and once; the releases after it are where they were, and none of them was missed."""
+    """Immediately, and once; the releases after it keep their times, and none of them is missed."""
     pe = _flying()
     pe.run_until(moments(pe.data(HELP_ID, -1))[-1] + 10 * MS)
     pe.pe.gives_back.append(HELPER)
@@ -559,23 +566,23 @@ def a_step_that_is_given_back_is_asked_for_anew() -> None:
 
 
 def what_is_as_old_as_it_may_be_is_fresh() -> None:
-    """For three periods of its source, and not for a fourth."""
+    """A datum is fresh for three periods of its source, and not for a fourth."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
-    pe.flies(Slice((_GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
-    puppets.PULLED["gauge"] = puppets.giving()
+    puppets.behave_normally()
+    pe.flies(Slice((_GAUGE, ModuleSlice(CONTROL, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    puppets.BEHAVIOUR["gauge"] = puppets.giving()
     pe.run(100)
-    puppets.PULLED["gauge"] = puppets.once(puppets.giving(height=50.0))
+    puppets.BEHAVIOUR["gauge"] = puppets.once(puppets.giving(height=50.0))
     began_ns = pe.run(200)
     equal(len(pe.data(HEIGHT_ID, began_ns)), 1, "heights")
     equal(len(pe.data(DEMAND_ID, began_ns)), 1 + 3, "demands that are made of it")
 
 
 def a_reader_waits_for_what_it_reads() -> None:
-    """A quarter of its period at most, for a producer that was due just before; then it goes on with what it has."""
+    """A quarter of its period at most, for a producer that was due just before; then it runs with the last datum."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
-    pe.flies(Slice((_GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    puppets.behave_normally()
+    pe.flies(Slice((_GAUGE, ModuleSlice(CONTROL, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
     began_ns = pe.run(200)
     heights, demands = moments(pe.data(HEIGHT_ID, began_ns)), moments(pe.data(DEMAND_ID, began_ns))
     demand(len(demands) >= 9, "the reader does not run")
@@ -584,13 +591,13 @@ def a_reader_waits_for_what_it_reads() -> None:
     pe.run(41)
     began_ns = pe.run(100)
     demands = moments(pe.data(DEMAND_ID, began_ns))
-    demand(bool(demands), "the reader waits for ever")
+    demand(bool(demands), "the reader waits without end")
 
 
 def a_value_goes_down_a_chain_at_once() -> None:
-    """Whoever reads what another one makes of it waits for both: it has what comes of the value of this instant."""
+    """A module at the end of a chain waits for both producers: it sees the result for the value of this instant."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     heights: list[float] = []
     seen: list[tuple[float, float]] = []  # what was read, and what should have been
 
@@ -603,8 +610,8 @@ def a_value_goes_down_a_chain_at_once() -> None:
         seen.append((-1.0 if read is None else read.number(), 2 * heights[-1]))
         return {}
 
-    puppets.PULLED["gauge"], puppets.PULLED["lamp"] = climb, look
-    chain = _GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)), ModuleSlice(LAMP, 0, (DEMAND,))
+    puppets.BEHAVIOUR["gauge"], puppets.BEHAVIOUR["lamp"] = climb, look
+    chain = _GAUGE, ModuleSlice(CONTROL, 0, (HEIGHT,)), ModuleSlice(LAMP, 0, (DEMAND,))
     pe.flies(Slice(chain, publish={HEIGHT: 1, DEMAND: 1}))
     pe.run(500)
     demand(len(seen) >= 4, "the last of the chain does not run")

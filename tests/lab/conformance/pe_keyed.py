@@ -1,4 +1,4 @@
-"""A PE with a key: what it believes, how it proves what it says, and its lock (rule 11)."""
+"""A PE with a key: which commands it accepts, how it proves its states, and its lock (protocol rule 11)."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ _TAG_ID = management_id(126, Command.TAG)
 
 
 class Keyed(PeUnderTest):
-    """A PE with a key, and a manager who has it too."""
+    """A PE with a key, and a manager that has it too."""
 
     def __init__(self, **more: object) -> None:
         super().__init__(more.get("table", TABLE), key=KEY)  # type: ignore[arg-type]
@@ -65,7 +65,7 @@ class Keyed(PeUnderTest):
         return self.signer.tag(frame)
 
     def welcomes(self) -> Session:
-        """Answer the nonce that it said last; gives the session."""
+        """Answer the nonce that it sent last; gives the session."""
         nonce = self.pages_2(-1)[-1][1].nonce
         self.main.say(*self.signer.welcome(NODE, nonce))
         self.session = Session(126, self.signer.term, self.signer.number)
@@ -73,7 +73,7 @@ class Keyed(PeUnderTest):
         return self.session
 
     def attended(self) -> "Keyed":
-        """Let a manager reign that has welcomed it."""
+        """Let a manager be active that has welcomed it."""
         self.lease = Lease(5, 0, Step.PREPARED, 0)
         self.alive = frozenset((NODE, NEIGHBOUR))
         self.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
@@ -96,11 +96,11 @@ def _is_tagged(frame: Frame, session: Session, beat: int, digest: int, emergency
 
 
 def it_asks_before_it_believes() -> None:
-    """A nonce with its first beat, and then once in a period while somebody speaks; commands mean nothing till then."""
+    """A nonce with its first beat, and then once in a period while a manager is heard; it accepts no command before."""
     pe = Keyed()
     pe.run(100)
-    equal(len(pe.pages_2(-1)), 1, "nonces while nobody speaks")
-    demand(not pe.believes(), "a PE that has just started believes a command")
+    equal(len(pe.pages_2(-1)), 1, "nonces while no manager is heard")
+    demand(not pe.believes(), "a PE that has just started accepts a command")
     pe.lease, pe.alive = Lease(5, 0, Step.PREPARED, 0), frozenset((NODE,))
     began_ns = pe.run(400)
     times = moments(pe.pages_2(began_ns))
@@ -111,13 +111,13 @@ def it_asks_before_it_believes() -> None:
     page = pe.page_0()
     equal((page.flags, page.digest, page.state), (PeFlags(0), 0, PeState.UNCONFIGURED), "before its session it says")
     pe.welcomes()
-    demand(pe.believes(), "a PE that was welcomed believes nothing")
+    demand(pe.believes(), "a PE that was welcomed accepts no command")
     began_ns = pe.run(500)
     equal(pe.pages_2(began_ns), [], "nonces of a PE that was welcomed")
 
 
 def its_states_are_proven() -> None:
-    """Page 0 by its number in the session, page 1 without; the digest is covered, not shown; page 3 shows it."""
+    """Page 0 with its number in the session, page 1 without; the tag covers the digest, which page 3 shows."""
     pe = Keyed()
     pe.run(10 * PERIOD_NS / MS)
     beats = [t_ns for t_ns, frame in pe.main.since(-1, [state_id(NODE)]) if frame.data[0] < 0x40]
@@ -143,7 +143,7 @@ def its_states_are_proven() -> None:
 
 
 def what_is_not_proven_is_refused() -> None:
-    """Without a tag, with another key, with an old number, changed, cut: counted in page 3, and nothing else."""
+    """Commands without a tag, with another key, an old number, changed, cut: counted in page 3, no other effect."""
     pe = Keyed().attended()
     pe.run(220)
     before, counted = pe.pages_3(-1)[-1][1], pe.object(COUNTERS, 1)
@@ -172,7 +172,7 @@ def what_is_not_proven_is_refused() -> None:
     pe.main.say(ping, Frame(_TAG_ID, b"\1\2\3"))
     pe.run(3)
     regular = [page for t_ns, page in pe.pages_0(began_ns)]
-    equal(len(regular), 1, "pages 0 after what is not proven")
+    equal(len(regular), 1, "pages 0 after commands that are not proven")
     pe.main.say(ping)  # and it stays without a tag
     pe.run(300)
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
@@ -180,8 +180,8 @@ def what_is_not_proven_is_refused() -> None:
     after = pe.pages_3(-1)[-1][1]
     equal((before.unproven, after.unproven), (0, 4), "unproven commands, before and after")
     equal((before.other, after.other), (0, 1), "other refusals, before and after")
-    demand(pe.object(COUNTERS, 1) > counted + 3, "what is refused is not counted")
-    demand(pe.believes(), "after all that it believes nobody")
+    demand(pe.object(COUNTERS, 1) > counted + 3, "refused commands are not counted")
+    demand(pe.believes(), "after all that it accepts no command")
 
 
 def a_tag_must_come_in_time() -> None:
@@ -199,51 +199,51 @@ def a_tag_must_come_in_time() -> None:
         pe.main.say(tag)
         pe.run(1.2)
         found = [page for t_ns, page in pe.pages_1(began_ns)]
-        equal(bool(found), believed, f"a PING is believed when its TAG comes after {late_ms} ms")
+        equal(bool(found), believed, f"a PING is accepted when its TAG comes after {late_ms} ms")
 
 
 def numbers_may_be_missed() -> None:
-    """Up to 8191 of them; who has missed more asks to be welcomed anew, after T_lease without a command."""
+    """Up to 8191 of them; a PE that has missed more sends a nonce, after T_lease without a command."""
     pe = Keyed().attended()
     pe.signer.number += NUMBER_SPAN - 60
-    demand(pe.believes(), "a PE that has missed 8000 commands believes nothing")
+    demand(pe.believes(), "a PE that has missed 8000 commands accepts none")
     pe.signer.number += NUMBER_SPAN + 5
     lost_ns = pe.now_ns
-    demand(not pe.believes(), "a PE that has missed 8197 commands believes the next")
+    demand(not pe.believes(), "a PE that has missed 8197 commands accepts the next one")
     pe.run_until(lost_ns + 95 * MS)
     equal(pe.pages_2(lost_ns), [], "nonces within T_lease of the last command")
     pe.run(60)
-    demand(bool(pe.pages_2(lost_ns)), "who is lost does not ask")
+    demand(bool(pe.pages_2(lost_ns)), "a PE that has missed too many commands sends no nonce")
     pe.welcomes()
-    demand(pe.believes(), "who was welcomed anew believes nothing")
+    demand(pe.believes(), "a PE that was welcomed anew accepts no command")
 
 
 def a_welcome_answers_a_fresh_nonce() -> None:
-    """Its own, of the last T_lease: not another one's, not one that it said long ago."""
+    """Its own nonce of the last T_lease: not that of another PE, nor one that it sent long ago."""
     pe = Keyed()
     pe.run(5)
     nonce = pe.pages_2(-1)[-1][1].nonce
     pe.run_until(pe.pages_2(-1)[-1][0] + LEASE_NS + 3 * MS)
     pe.main.say(*pe.signer.welcome(NODE, nonce))
     pe.run(2)
-    demand(not pe.believes(), "a welcome to an old nonce is believed")
+    demand(not pe.believes(), "a WELCOME to an old nonce is accepted")
     pe.run(25)
     nonce = pe.pages_2(-1)[-1][1].nonce
     pe.main.say(*pe.signer.welcome(NODE, nonce ^ 1))
     pe.run(2)
-    demand(not pe.believes(), "a welcome to another nonce is believed")
+    demand(not pe.believes(), "a WELCOME to another nonce is accepted")
     pe.run(25)
     nonce = pe.pages_2(-1)[-1][1].nonce
     pe.main.say(*pe.signer.welcome(NODE + 1, nonce))
     pe.run(2)
-    demand(not pe.believes(), "a welcome to another node is believed")
+    demand(not pe.believes(), "a WELCOME to another node is accepted")
     pe.run(25)
     pe.welcomes()
-    demand(pe.believes(), "a welcome is not believed")
+    demand(pe.believes(), "a WELCOME is not accepted")
 
 
 def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
-    """RENEW ends the session; a new term of the same manager is believed at once, and asked for a session."""
+    """RENEW ends the session; a new term of the same manager is accepted immediately, and sent a nonce."""
     pe = Keyed().attended()
     pe.main.command(Control(5, NODE + 1, Operation.RENEW), Control(5, 0, Operation.RENEW))
     began_ns = pe.run(100)
@@ -259,8 +259,8 @@ def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
     pe.signer = CommandSigner(KEY, 126, 7)
     pe.term, pe.lease = 7, Lease(7, 0, Step.PREPARED, 0)
     began_ns = pe.run(45)
-    demand(PeFlags.HEARS_LEASE in pe.page_0().flags, "a new term is not believed at once")
-    demand(bool(pe.pages_2(began_ns)), "a new term is not asked for a session")
+    demand(PeFlags.HEARS_LEASE in pe.page_0().flags, "a new term is not accepted immediately")
+    demand(bool(pe.pages_2(began_ns)), "in a new term the PE sends no nonce")
     equal(pe.page_0().digest, 0, "tag of a page 0 in a new term")
     pe.welcomes()
     pe.run(45)
@@ -268,7 +268,7 @@ def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
 
 
 def another_manager_has_to_welcome_it_too() -> None:
-    """One that was never met is not believed, whatever its term; what it says is asked about."""
+    """A manager that has not welcomed the PE is refused in any term; its commands make the PE send a nonce."""
     pe = Keyed().attended()
     other = CommandSigner(KEY, 127, 6)
 
@@ -281,20 +281,20 @@ def another_manager_has_to_welcome_it_too() -> None:
 
     pe.run(120)  # its first nonce is too old by now
     began_ns = speaks()
-    demand(bool(pe.pages_2(began_ns)), "a manager that was never met is not asked to welcome")
-    demand(pe.believes(), "a manager that was never met is believed")
+    demand(bool(pe.pages_2(began_ns)), "to a manager that has not welcomed it the PE sends no nonce")
+    demand(pe.believes(), "a manager that has not welcomed the PE is accepted")
     pe.main.say(*other.welcome(NODE, pe.pages_2(-1)[-1][1].nonce))
     pe.run(5)
-    demand(not pe.believes(), "after the welcome of a higher term the old manager is obeyed")
+    demand(not pe.believes(), "after the WELCOME of a higher term the old manager is accepted")
 
 
 def an_emergency_is_proven_by_the_next_page_0() -> None:
-    """Which goes out at once; of several pending ones each in its turn."""
+    """That page goes out immediately; of several pending EMCYs each is proven in its turn."""
     pe = Keyed().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(EVERYTHING)
     pe.run(1200)
-    puppets.PULLED["helper"] = puppets.reporting("device:gauge_sensor", "device:servo_motor", detail=3)
+    puppets.BEHAVIOUR["helper"] = puppets.reporting("device:gauge_sensor", "device:servo_motor", detail=3)
     began_ns = pe.run(200)
     assert pe.session is not None
     emcys = {one.frame.data for one in pe.main.since(began_ns, [emcy_id(NODE)])}
@@ -317,16 +317,16 @@ def an_emergency_is_proven_by_the_next_page_0() -> None:
     equal(proven, emcys, "EMCYs that were proven")
     first_ns = pe.main.since(began_ns, [emcy_id(NODE)])[0].t_ns
     nexts = [t_ns for t_ns, page in pe.pages_0(first_ns - MS) if PeFlags.FAULT_PENDING in page.flags]
-    demand(nexts[0] - first_ns < 2 * MS, "an EMCY is not followed by a page 0 at once")
+    demand(nexts[0] - first_ns < 2 * MS, "an EMCY is not followed by a page 0 immediately")
     pe.main.command(*(Control(5, NODE, Operation.ACKNOWLEDGE, 1, index) for index in (0, 1)))
     began_ns = pe.run(2.5)
-    demand(bool(pe.pages_0(began_ns)), "an acknowledgement is not followed by a page 0 at once")
+    demand(bool(pe.pages_0(began_ns)), "an acknowledgement is not followed by a page 0 immediately")
     began_ns = pe.run(400)
     demand(19 <= len(pe.pages_0(began_ns)) <= 21, "pages 0 in twenty periods in which nothing changes")
 
 
 def its_lock_opens_for_a_while() -> None:
-    """UNLOCK for this node alone, for as long as it says and 60 s at most: writing and NMT work until then."""
+    """UNLOCK for this node alone, for its time and 60 s at most: SDO downloads and NMT work until then."""
     pe = Keyed()
     pe.run(25)
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
@@ -366,7 +366,7 @@ def _writes(pe: PeUnderTest) -> bool:
 
 
 def a_gateway_hands_on_tags() -> None:
-    """With what it has believed, and a WELCOME to where its node is; what is not proven stays here."""
+    """With the commands that it has accepted, and a WELCOME toward its node; unproven commands are not forwarded."""
     far = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
     pe = Keyed(table=replace(TABLE, ports=(MAIN, far))).attended()
     began_ns = pe.run_into_next_period(8)

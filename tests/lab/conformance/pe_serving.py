@@ -1,6 +1,6 @@
-"""How a PE serves its objects by SDO, by segments and by blocks, to clients who err too (CiA 301, 7.2.4).
+"""How a PE serves its objects by SDO, by segments and by blocks, also to faulty clients (CiA 301, 7.2.4).
 
-Messages are written as they are on the wire; what the PE's own code makes of them is not asked.
+Messages are written as they are on the wire; the PE's own codec is not used.
 """
 
 from binascii import crc_hqx
@@ -21,19 +21,19 @@ _ENOUGH_MS = 5  # for an answer, one at a time
 
 
 class Client:
-    """Asks a PE that runs nothing, and whom nobody leads."""
+    """A client of a PE that runs nothing and hears no manager."""
 
     def __init__(self, pe: PeUnderTest | None = None) -> None:
         self.pe = PeUnderTest() if pe is None else pe
         self.pe.run(5)
 
     def says(self, request: str) -> int:
-        """Send a message; gives when."""
+        """Send a message; gives its time."""
         self.pe.main.say(Frame(sdo_request_id(NODE), bytes.fromhex(request).ljust(8, b"\0")))
         return self.pe.now_ns
 
     def asks(self, request: str, within_ms: float = _ENOUGH_MS) -> list[bytes]:
-        """Send a message; gives what is answered."""
+        """Send a message; gives the answers."""
         began_ns = self.says(request)
         self.pe.run(within_ms)
         return self.answers(began_ns)
@@ -44,7 +44,7 @@ class Client:
         self.pe.run(_ENOUGH_MS)
 
     def answers(self, since_ns: int) -> list[bytes]:
-        """What was answered since a moment."""
+        """Answers since a moment."""
         return [one.frame.data for one in self.pe.main.since(since_ns, [sdo_response_id(NODE)])]
 
     def writes_table(self, text: bytes) -> str | None:
@@ -76,7 +76,7 @@ def a_number_is_written_in_every_way() -> None:
     """Expedited with and without its length, by segments, and by a block; each time it is the object's value."""
     client = Client()
     client.hears(f"2b {_HEARTBEAT} f4 01", f"60 {_HEARTBEAT}")
-    equal(client.pe.object(HEARTBEAT_TIME), 500, "heartbeat written at once")
+    equal(client.pe.object(HEARTBEAT_TIME), 500, "heartbeat written expedited")
     client.hears(f"22 {_HEARTBEAT} f5 01", f"60 {_HEARTBEAT}")
     equal(client.pe.object(HEARTBEAT_TIME), 501, "heartbeat written without a length")
     client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
@@ -93,7 +93,7 @@ def a_number_is_written_in_every_way() -> None:
 
 
 def what_is_wrong_is_refused_with_a_reason() -> None:
-    """And changes nothing; what comes after it belongs to no transfer."""
+    """A wrong request changes nothing; a message after it belongs to no transfer."""
     client = Client()
     for request, reason in (
         (f"2f {_HEARTBEAT} 01", _LENGTH),
@@ -113,7 +113,7 @@ def what_is_wrong_is_refused_with_a_reason() -> None:
     ):
         client.is_refused(request, reason)
     client.hears(f"20 {_HEARTBEAT}", f"60 {_HEARTBEAT}")
-    client.is_refused("0d f4", _LENGTH)  # one byte of a number that has two, whose length nobody has said
+    client.is_refused("0d f4", _LENGTH)  # one byte of a number of two, without a length
     for segment, reason in (("1b f4 01", _TOGGLE), ("0d f4", _LENGTH), ("08 f4 01 00", _LENGTH), ("60", _COMMAND)):
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
         client.is_refused(segment, reason)
@@ -122,7 +122,7 @@ def what_is_wrong_is_refused_with_a_reason() -> None:
 
 
 def a_client_may_break_off() -> None:
-    """Its abort is not answered, nor is what is too short; the transfer is gone."""
+    """Its abort is not answered, nor is a message that is too short; the transfer is gone."""
     client = Client()
     client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
     equal(client.asks(f"80 {_HEARTBEAT} 00 00 00 08"), [], "answers to an abort")
@@ -151,7 +151,7 @@ def a_client_that_falls_silent_is_given_up() -> None:
 
 
 def a_table_may_have_a_mebibyte() -> None:
-    """And no byte more, which is said before the first one comes; none at all where something runs."""
+    """And no byte more, which is refused before the first one comes; none at all while the PE runs modules."""
     client = Client()
     client.hears(f"c6 {_TABLE} 00 00 10 00", f"a4 {_TABLE} 20")
     client.asks("80")
@@ -163,7 +163,7 @@ def a_table_may_have_a_mebibyte() -> None:
 
 
 def a_table_is_fetched_by_segments() -> None:
-    """Seven bytes each, the toggle bit alternates, the last one says so; a wrong toggle bit ends it."""
+    """Seven bytes each, the toggle bit alternates, the last one is marked; a wrong toggle bit ends the transfer."""
     client = Client()
     wanted = client.pe.table.to_json().encode()
     client.hears(f"40 {_TABLE}", f"41 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
@@ -181,7 +181,7 @@ def a_table_is_fetched_by_segments() -> None:
 
 
 def a_table_is_fetched_by_blocks() -> None:
-    """Each of as many segments as the client wants; what it has not got is sent again; a checksum at the end."""
+    """Each of as many segments as the client wants; lost segments are sent again; a checksum at the end."""
     client = Client()
     wanted = client.pe.table.to_json().encode()
     size = len(wanted).to_bytes(4, "little").hex()
@@ -205,7 +205,7 @@ def a_table_is_fetched_by_blocks() -> None:
 
 
 def a_block_that_has_a_gap_is_told_so() -> None:
-    """At its end, or when nothing more comes: how many have come in order; checksum and length are looked at."""
+    """At its end, or after a pause, with the number of segments in order; checksum and length are checked."""
     client = Client()
     client.hears(f"c6 {_TABLE} 0e", f"a4 {_TABLE} 20")
     equal(client.asks("01 31 32 33 34 35 36 37", 140), [], "answers before the end of a block")
@@ -220,7 +220,7 @@ def a_block_that_has_a_gap_is_told_so() -> None:
 
 
 def a_table_of_any_length_is_fetched_by_blocks() -> None:
-    """Its last message says how many bytes of the last segment mean nothing, and the checksum of the rest."""
+    """Its last message has the number of unused bytes in the last segment, and the checksum of the rest."""
     for more in range(8):
         client = Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
         wanted = client.pe.table.to_json().encode()
@@ -245,7 +245,7 @@ def what_grows_too_long_is_refused_on_the_way() -> None:
     """By segments at the first byte too many; by a block at the first segment that holds none of the object."""
     client = Client()
     client.hears(f"21 {_TABLE} 07", f"60 {_TABLE}")
-    client.hears("00 31 32 33 34 35 36 37", "20")  # all of it, and more may come that is empty
+    client.hears("00 31 32 33 34 35 36 37", "20")  # all of it, and an empty segment may follow
     client.is_refused("10 31", _LENGTH)
     for begin, answer in ((f"c2 {_HEARTBEAT} 02", f"a0 {_HEARTBEAT} 20"), (f"c0 {_HEARTBEAT}", f"a0 {_HEARTBEAT} 20")):
         client.hears(begin, answer)
@@ -258,7 +258,7 @@ def what_grows_too_long_is_refused_on_the_way() -> None:
 
 
 def nmt_ends_what_was_under_way() -> None:
-    """A reset does, where nobody leads; a node that was stopped answers nothing, and the transfer is gone."""
+    """A reset does, where no manager is heard; a stopped node does not answer, and the transfer is gone."""
     client = Client()
     for reset in (129, 130):
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")

@@ -1,4 +1,4 @@
-"""What a PE says by itself, and how often (rules 1, 3 and 12)."""
+"""What a PE sends without a request, and how often (protocol rules 1, 3 and 12)."""
 
 from dataclasses import replace
 
@@ -68,7 +68,7 @@ def on_two_buses_each_has_its_own_period_and_count() -> None:
 
 
 def its_canopen_heart_beats_once_a_second() -> None:
-    """Boot-up at once, then the NMT state every second: pre-operational, and operational once it is configured."""
+    """Boot-up immediately, then the NMT state every second: pre-operational, and operational once it is configured."""
     pe = PeUnderTest().attended().flies()
     pe.run(4 * _S)
     beats = pe.main.since(-1, [heartbeat_id(NODE)])
@@ -77,8 +77,8 @@ def its_canopen_heart_beats_once_a_second() -> None:
     demand(all(abs(gap - 1_000 * MS) < SOON_NS for gap in apart), f"CANopen heartbeats are {apart} ns apart")
 
 
-def nmt_is_accepted_where_nobody_leads() -> None:
-    """By a PE that runs nothing and hears no LEASE; a reset is a boot-up, and what means nothing changes nothing."""
+def nmt_is_accepted_where_no_manager_is_heard() -> None:
+    """A PE that runs nothing and hears no LEASE executes NMT; a reset is a boot-up, unknown commands change nothing."""
     pe = PeUnderTest()
     pe.run(30)
     for leads, command, state in (
@@ -103,7 +103,7 @@ def nmt_is_accepted_where_nobody_leads() -> None:
 
 
 def it_answers_a_ping_at_once() -> None:
-    """Both pages, for itself and for everybody; none for another, and none to a term that does not reign."""
+    """Both pages, to a PING for itself or for all PEs; none to one for another PE, and none to a stale term."""
     pe = PeUnderTest().attended()
     pe.run(15)
     for ping, answered in (
@@ -116,12 +116,12 @@ def it_answers_a_ping_at_once() -> None:
         pe.main.command(ping)
         pe.run(4)
         said = len(pe.pages_0(began_ns)), len(pe.pages_1(began_ns))
-        wanted = (1, 1) if answered else (0, 1 if ping.term == 4 else 0)  # a stale term is told so
+        wanted = (1, 1) if answered else (0, 1 if ping.term == 4 else 0)  # STALE_TERM is reported
         equal(said, wanted, f"pages after {ping}")
 
 
 def after_a_pause_it_does_not_make_up_for_beats() -> None:
-    """A beat missed is a beat missed: the next one comes at its place."""
+    """Missed beats are not made up: the next one comes at its place."""
     pe = PeUnderTest()
     pe.run(105)
     pe.pe.pause(70 * MS)
@@ -129,7 +129,7 @@ def after_a_pause_it_does_not_make_up_for_beats() -> None:
     times = moments(pe.pages_0(began_ns))
     late_ns = [(t_ns - PLACE_NS) % PERIOD_NS for t_ns in times[1:]]
     demand(all(0 < one < SOON_NS for one in late_ns), f"after a pause pages 0 come {late_ns} ns after their places")
-    demand(immediate(times[0], began_ns + 70 * MS), "after a pause the beat that is due does not come at once")
+    demand(immediate(times[0], began_ns + 70 * MS), "after a pause the beat that is due does not come immediately")
     equal(len(times), 1 + 7, "pages 0 in the rest of 200 ms")
 
 
@@ -145,8 +145,8 @@ def it_says_whether_it_hears_a_lease() -> None:
     demand(PeFlags.HEARS_LEASE not in pe.pinged().flags, "101 ms after a LEASE it hears it still")
 
 
-def somebody_with_its_number_is_noted() -> None:
-    """A state under its own number is a clash: what is exclusive is let go for T_lease."""
+def another_node_with_its_number_is_noted() -> None:
+    """A state of another node under its node-ID is a clash: exclusive outputs are held for T_lease."""
     pe = PeUnderTest().attended().flies()
     demand(PeFlags.OUTPUT_HELD not in pe.page_0().flags, "its outputs are held without a reason")
     began_ns = pe.run(3)
@@ -161,16 +161,16 @@ def somebody_with_its_number_is_noted() -> None:
 
 
 def a_table_without_an_end_is_not_sent_by_itself() -> None:
-    """Nothing but states, heartbeats and echoes comes of a PE that nobody asks."""
+    """Without requests a PE sends only states, heartbeats and echoes."""
     pe = PeUnderTest()
     pe.run(1.5 * _S)
     others = {one.frame.can_id for one in pe.main.heard} - {state_id(NODE), heartbeat_id(NODE)}
-    equal(others, set(), "identifiers that nobody has asked for")
+    equal(others, set(), "identifiers sent without a request")
     demand(pe.pe.core.next_deadline_ns() < NEVER_NS, "it has no next deadline")
 
 
 def an_acknowledgement_of_nothing_does_nothing() -> None:
-    """CONTROL about what is not pending, in all its forms, changes no state."""
+    """CONTROL about an element that is not pending, in all its forms, changes no state."""
     pe = PeUnderTest().attended().flies()
     pe.run(20)
     before = pe.page_0()

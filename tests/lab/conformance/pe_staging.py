@@ -1,4 +1,4 @@
-"""How a PE comes to hold what it is to run next: PREPARE, heads, bodies, and every reason to refuse (rules 4 and 5)."""
+"""How a PE stages a configuration: PREPARE, heads, bodies, and every reason to refuse (protocol rules 4 and 5)."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ from heronry_wire.management import Lease, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.state_frames import PeState, Reason
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
+    CONTROL,
     DEMAND,
     EVERYTHING,
     GAUGE,
@@ -20,7 +21,6 @@ from lab.conformance.pe_under_test import (
     NOTHING,
     OTHER_HEIGHT,
     PERIOD_NS,
-    PRE_PLANNER,
     SERVO,
     TABLE,
     PeUnderTest,
@@ -29,7 +29,7 @@ from lab.conformance.pe_under_test import (
 from lab.conformance.player import MS, demand, equal
 
 _EPOCH, _DIGEST = 17, 0x111111
-_QUIET_NS = PERIOD_NS // 2  # of a body that has stopped coming, before it is asked for
+_QUIET_NS = PERIOD_NS // 2  # without a frame of the body, before INCOMPLETE
 
 
 def _ready() -> PeUnderTest:
@@ -43,7 +43,7 @@ def a_slice_is_staged_and_said_at_once() -> None:
     """Page 1 names the epoch without a digest while it is collected, and with it when it is whole."""
     pe = _ready()
     frames = pe.slice_frames(_EPOCH, EVERYTHING)
-    demand(len(frames) > 4, "the slice of this drill is too short")
+    demand(len(frames) > 4, "the slice of this test is too short")
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *frames[:-1])
     began_ns = pe.run(4)
     pe.says_nothing_of_it(began_ns)
@@ -61,7 +61,7 @@ def a_slice_is_staged_and_said_at_once() -> None:
 
 
 def its_frames_come_in_any_order_and_doubled() -> None:
-    """The body before its head, from the end, twice."""
+    """The body comes before its head, from the end, twice."""
     pe = _ready()
     head, *body = pe.slice_frames(_EPOCH, EVERYTHING)
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *reversed(body))
@@ -93,7 +93,7 @@ def what_is_for_others_is_left_alone() -> None:
 
 
 def what_is_missing_is_asked_for() -> None:
-    """INCOMPLETE, half a heartbeat period after the last frame; once for each that comes."""
+    """The PE reports INCOMPLETE half a heartbeat period after the last frame; once for each frame that comes."""
     pe = _ready()
     head, *body = pe.slice_frames(_EPOCH, EVERYTHING)
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), head)
@@ -116,7 +116,7 @@ def what_is_missing_is_asked_for() -> None:
 
 
 def bytes_that_do_not_fit_are_refused() -> None:
-    """DIGEST for what was not announced; whole and true it is staged after all."""
+    """DIGEST for bytes that were not announced; when the true ones come, the slice is staged after all."""
     pe = _ready()
     head, first, *others = pe.slice_frames(_EPOCH, EVERYTHING)
     assert isinstance(first, SliceBody)
@@ -131,7 +131,7 @@ def bytes_that_do_not_fit_are_refused() -> None:
 
 
 def another_head_begins_anew() -> None:
-    """A head that says something else makes void what has come of the body."""
+    """A different head voids the frames of the body that have come."""
     pe = _ready()
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *pe.slice_frames(_EPOCH, EVERYTHING)[:-1])
     pe.run(4)
@@ -146,7 +146,7 @@ def another_head_begins_anew() -> None:
 
 
 _GAUGE, _LAMP, _SERVO = ModuleSlice(GAUGE, 0, ()), ModuleSlice(LAMP, 0, (DEMAND,)), ModuleSlice(SERVO, 0, (DEMAND,))
-_PRE_PLANNER = ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))
+_PRE_PLANNER = ModuleSlice(CONTROL, 0, (HEIGHT,))
 _COHERENT = (
     Slice((_GAUGE,)),
     Slice((_GAUGE,), publish={HEIGHT: 1}),
@@ -156,17 +156,17 @@ _COHERENT = (
     Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 1)}),
 )
 _INCOHERENT = (
-    Slice((_LAMP,)),  # it reads what nobody supplies
-    Slice((_LAMP,), remote={OTHER_HEIGHT: NEIGHBOUR}),  # supplied is something else
+    Slice((_LAMP,)),  # it reads a source that is not supplied
+    Slice((_LAMP,), remote={OTHER_HEIGHT: NEIGHBOUR}),  # another source is supplied
     Slice((replace(_LAMP, sources=(OTHER_HEIGHT,)),), remote={OTHER_HEIGHT: NEIGHBOUR}),  # of another variable
     Slice((_LAMP,), remote={DEMAND: NODE}),  # from itself
     Slice((_LAMP,), remote={DEMAND: 126}),  # from no PE
     Slice((_GAUGE, _PRE_PLANNER), remote={DEMAND: NEIGHBOUR}),  # from there and from here
-    Slice((_GAUGE,), remote={99: NEIGHBOUR}),  # a source that there is not
+    Slice((_GAUGE,), remote={99: NEIGHBOUR}),  # an unknown source
     Slice((_GAUGE,), remote={len(TABLE.sources): NEIGHBOUR}),
-    Slice((_GAUGE,), publish={DEMAND: 1}),  # what it does not give
+    Slice((_GAUGE,), publish={DEMAND: 1}),  # a source that it does not give
     Slice((_GAUGE,), publish={HEIGHT: 0}),
-    Slice((_GAUGE,), publish={HEIGHT: 2}),  # on a bus that it is not on
+    Slice((_GAUGE,), publish={HEIGHT: 2}),  # on a bus that the PE is not on
     Slice((_GAUGE,), publish={HEIGHT: 3}),
     Slice(forward={99: (NEIGHBOUR, 1)}),
     Slice(forward={OTHER_HEIGHT: (126, 1)}),
@@ -179,7 +179,7 @@ _INCOHERENT = (
 
 
 def what_its_table_has_not_is_refused() -> None:
-    """UNKNOWN_INDEX for a slice that cannot be run here, and what is just within is staged."""
+    """UNKNOWN_INDEX for a slice that cannot run here; one that is just within the limits is staged."""
     pe = _ready()
     epoch = _EPOCH
     for wanted, parts in ((Reason.NONE, _COHERENT), (Reason.UNKNOWN_INDEX, _INCOHERENT)):
@@ -193,7 +193,7 @@ def what_its_table_has_not_is_refused() -> None:
 
 
 def bytes_that_are_no_slice_are_refused() -> None:
-    """UNKNOWN_INDEX, too: what has the digest announced, and means nothing; and what is too long to be sent."""
+    """UNKNOWN_INDEX, too: bytes with the announced digest that are no slice; and a length that cannot be sent."""
     pe = _ready()
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *pe.slice_frames(_EPOCH, b"\xff\xff\xff"))
     began_ns = pe.run(2)
@@ -205,8 +205,8 @@ def bytes_that_are_no_slice_are_refused() -> None:
 
 
 def an_image_that_cannot_be_loaded_is_refused() -> None:
-    """IMAGE, and only where a module of the slice has it."""
-    broken = replace(TABLE.modules[HELPER], image="lab.conformance.puppets:Nobody")
+    """IMAGE, and only where a module of the slice has that image."""
+    broken = replace(TABLE.modules[HELPER], image="lab.conformance.puppets:Missing")
     pe = PeUnderTest(replace(TABLE, modules=(*TABLE.modules[:HELPER], broken))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
@@ -218,7 +218,7 @@ def an_image_that_cannot_be_loaded_is_refused() -> None:
 
 
 def what_is_old_is_refused() -> None:
-    """STALE_EPOCH for an epoch that is not newer than what is staged, or runs; the same one with another digest too."""
+    """STALE_EPOCH for an epoch that is not newer than the staged or running one; also for another digest of it."""
     pe = _ready()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(3)
@@ -238,7 +238,7 @@ def what_is_old_is_refused() -> None:
 
 
 def a_newer_epoch_takes_the_place_of_what_is_collected() -> None:
-    """And not the other way round; of a new term also one that is not newer than what was only staged."""
+    """An older one does not; in a new term also an epoch that is not newer than one that was only staged."""
     pe = _ready()
     pe.main.command(Prepare(5, _EPOCH + 2, _DIGEST))
     pe.main.command(Prepare(5, _EPOCH + 1, _DIGEST))
@@ -271,7 +271,7 @@ def what_runs_here_needs_no_body() -> None:
 
 
 def nothing_to_do_is_staged_by_its_head() -> None:
-    """The slice of no bytes is whole at once, from the start on too; it is not what 'runs' before the first epoch."""
+    """The empty slice is complete with its head, from the start on too; before the first epoch it does not 'run'."""
     pe = _ready()
     pe.prepare(_EPOCH, NOTHING, _DIGEST)
     began_ns = pe.run(2)
@@ -282,7 +282,7 @@ def nothing_to_do_is_staged_by_its_head() -> None:
 
 
 def a_contingency_on_board_is_called_by_its_number() -> None:
-    """Staged by PREPARE alone where number and digest agree; else NOT_ON_BOARD, once, and the slice is taken."""
+    """PREPARE alone stages it if number and digest agree; else NOT_ON_BOARD, once, and the slice is accepted."""
     first, second = Slice((_GAUGE,), publish={HEIGHT: 1}), EVERYTHING
     table = with_plans_on_board(TABLE, (first, 0xA1), (second, 0xA2))
     pe = PeUnderTest(table).attended()
@@ -310,9 +310,9 @@ def a_contingency_on_board_is_called_by_its_number() -> None:
 
 
 def data_stand_back_for_what_is_on_board() -> None:
-    """Every PE answers at once then, and each takes it at once: data wait for some frames' time, and come then."""
+    """All PEs answer together then, and take it together: data wait for the time of some frames, and are sent then."""
     pe = PeUnderTest(with_plans_on_board(TABLE, (EVERYTHING, 0xA1)))
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.attended().flies()
     pe.run(200)
     last_ns = pe.data(HEIGHT_ID, -1)[-1][0]
@@ -329,7 +329,7 @@ def data_stand_back_for_what_is_on_board() -> None:
 
 
 def what_cannot_run_is_not_staged_from_on_board_either() -> None:
-    """The same reasons hold."""
+    """The same reasons apply to a contingency on board."""
     impossible = Slice((_GAUGE,), publish={HEIGHT: 2})
     pe = PeUnderTest(with_plans_on_board(TABLE, (impossible, 0xA1))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
@@ -339,9 +339,9 @@ def what_cannot_run_is_not_staged_from_on_board_either() -> None:
 
 
 def code_that_turns_out_to_be_missing_is_refused() -> None:
-    """What runs goes on; the next slice that names it is refused, and one that does not is staged."""
+    """The running modules go on; the next slice that names the image is refused, one that does not is staged."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(Slice((_GAUGE,), publish={HEIGHT: 1}))
     image = TABLE.modules[GAUGE].image
     assert image is not None
@@ -353,11 +353,11 @@ def code_that_turns_out_to_be_missing_is_refused() -> None:
         began_ns = pe.run(3)
         equal({page.reason for _, page in pe.pages_1(began_ns)}, {reason}, f"reasons after {part}")
     began_ns = pe.run(100)
-    demand(bool(pe.data(HEIGHT_ID, began_ns)), "what runs has stopped")
+    demand(bool(pe.data(HEIGHT_ID, began_ns)), "a running module has stopped")
 
 
 def page_1_tells_the_load() -> None:
-    """In per cent of its CPU, of what runs now."""
+    """Page 1 reports the load of the running modules, in per cent of the CPU of the PE."""
     pe = PeUnderTest().attended()
     for epoch, part, load in (
         (_EPOCH, Slice((_GAUGE,)), 20),

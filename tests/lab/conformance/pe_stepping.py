@@ -1,4 +1,4 @@
-"""How a PE takes a configuration into use, step by step, and what it may drive meanwhile (rules 4 and 6)."""
+"""How a PE takes a configuration into use, step by step, and what it may drive meanwhile (protocol rules 4 and 6)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,6 +13,7 @@ from heronry_wire.management import Activate, Alive, ElementKind, Emergency, Fau
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
+    CONTROL,
     DEMAND,
     DEMAND_ID,
     EVERYTHING,
@@ -26,7 +27,6 @@ from lab.conformance.pe_under_test import (
     NODE,
     OTHER_HEIGHT_ID,
     PERIOD_NS,
-    PRE_PLANNER,
     SERVO,
     TABLE,
     PeUnderTest,
@@ -40,27 +40,31 @@ from lab.conformance.player import MS, demand, equal
 _EPOCH, _DIGEST = 17, 0x111111
 _NEXT, _NEXT_DIGEST = 18, 0x222222
 _GAUGE, _SERVO = ModuleSlice(GAUGE, 0, ()), ModuleSlice(SERVO, 0, (DEMAND,))
-_FINE, _COARSE = ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)), ModuleSlice(PRE_PLANNER, 1, ())
+_FINE, _COARSE = ModuleSlice(CONTROL, 0, (HEIGHT,)), ModuleSlice(CONTROL, 1, ())
 _LAMP, _HELPER = ModuleSlice(LAMP, 0, (DEMAND,)), ModuleSlice(HELPER, 0, ())
 
 
 def _attended() -> PeUnderTest:
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     return pe
 
 
 def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState) -> None:
-    """Demand that a step is taken, and said at once."""
+    """Demand that a step is taken, and reported immediately."""
     pe.run_into_next_period(5)
     pe.activate(epoch, step, digest)
     began_ns = pe.run(1.5)
     pages = [page for t_ns, page in pe.pages_0(began_ns) if immediate(t_ns, began_ns)]
-    equal([(p.state, p.epoch, p.digest) for p in pages], [(state, epoch, digest)], f"after {step.name} it says at once")
+    equal(
+        [(p.state, p.epoch, p.digest) for p in pages],
+        [(state, epoch, digest)],
+        f"immediately after {step.name} it reports",
+    )
 
 
 def it_takes_one_step_after_the_other() -> None:
-    """BROKEN, PARTIAL while a new branch is held, ACTIVE; each is said at once, and taken once."""
+    """BROKEN, PARTIAL while a new branch is held, ACTIVE; each is reported immediately, and taken once."""
     pe = _attended()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(15)
@@ -92,7 +96,7 @@ def without_a_branch_go_is_the_last_step() -> None:
 
 
 def a_lease_is_as_good_as_an_activate() -> None:
-    """Who has missed ACTIVATE catches up with the next LEASE; one at PREPARED, or of epoch 0, takes nothing."""
+    """A PE that missed ACTIVATE takes the step from the next LEASE; one at PREPARED, or of epoch 0, has no effect."""
     pe = _attended()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(15)
@@ -129,7 +133,7 @@ def what_was_not_staged_is_not_run() -> None:
 
 
 def break_takes_away_and_adds_nothing() -> None:
-    """At BREAK a module that is not wanted, or in another mode, stops; nothing new is published before GO."""
+    """At BREAK a module that is not wanted, or in another mode, stops; no new datum is published before GO."""
     pe = _attended()
     both = Slice((_GAUGE, _COARSE, _SERVO), publish={HEIGHT: 1})
     pe.flies(both)
@@ -138,7 +142,7 @@ def break_takes_away_and_adds_nothing() -> None:
     pe.run(10)
     _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
     began_ns = pe.run(100)
-    demand(bool(pe.data(HEIGHT_ID, began_ns)), "what stays and was published is published no more")
+    demand(bool(pe.data(HEIGHT_ID, began_ns)), "a datum that stays is published no more")
     for identifier in (DEMAND_ID, HELP_ID):
         equal(pe.data(identifier, began_ns), [], f"data under {identifier} at BREAK")
     demand(not [t for t in pe.drives if t > began_ns], "a branch that is not wanted is driven after BREAK")
@@ -150,7 +154,7 @@ def break_takes_away_and_adds_nothing() -> None:
 
 
 def a_branch_that_ran_is_not_held() -> None:
-    """Also in another epoch: nobody else has it. One that is new waits for GO_ALL."""
+    """In another epoch, too, a branch that ran here is not held: no other PE has it. A new one waits for GO_ALL."""
     pe = _attended()
     pe.flies(Slice((_GAUGE, _COARSE, _SERVO), publish={HEIGHT: 1}))
     pe.prepare(_NEXT, EVERYTHING, _NEXT_DIGEST)
@@ -162,11 +166,11 @@ def a_branch_that_ran_is_not_held() -> None:
 
 
 def a_module_that_can_goes_on_in_another_mode() -> None:
-    """Kept over BREAK where it says so, built anew where it does not; dropped where a newer epoch has no use for it."""
+    """It is kept over BREAK if it says so, else built anew; dropped if a newer epoch does not want it."""
     for keeps in (False, True):
         pe = _attended()
         if keeps:
-            puppets.CHANGES_MODE.add("thinker")
+            puppets.CHANGES_MODE.add("control")
         pe.flies(Slice((_GAUGE, _FINE), publish={DEMAND: 1}))
         puppets.BUILT.clear()
         pe.prepare(_NEXT, Slice((_GAUGE, _COARSE), publish={DEMAND: 1}), _NEXT_DIGEST)
@@ -174,7 +178,7 @@ def a_module_that_can_goes_on_in_another_mode() -> None:
         _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
         _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
         began_ns = pe.run(100)
-        equal(puppets.BUILT, [] if keeps else ["thinker"], "modules built when a mode changes")
+        equal(puppets.BUILT, [] if keeps else ["control"], "modules built when a mode changes")
         equal({d.value for _, d in pe.data(DEMAND_ID, began_ns)}, {0.5}, "what it gives in the other mode")
         equal({d.service_code & 15 for _, d in pe.data(DEMAND_ID, began_ns)}, {2}, "the version that it gives there")
         pe.prepare(_NEXT + 1, Slice((_GAUGE, _FINE)), _DIGEST)
@@ -188,33 +192,33 @@ def a_module_that_can_goes_on_in_another_mode() -> None:
         pe.run(10)
         _takes(pe, _NEXT + 3, Step.GO_ALL, _DIGEST, PeState.ACTIVE)
         pe.run(10)
-        equal(puppets.BUILT, ["thinker"], "modules built when one was given up in between")
+        equal(puppets.BUILT, ["control"], "modules built when one was given up in between")
 
 
 def a_module_that_waits_to_be_built_anew_is_not_carried_over() -> None:
-    """It has failed: in the other mode, too, it begins from nothing."""
-    again = tuple(replace(one, restarts=2) if one.index == PRE_PLANNER else one for one in TABLE.modules)
+    """It has failed: in the other mode, too, it is built anew."""
+    again = tuple(replace(one, restarts=2) if one.index == CONTROL else one for one in TABLE.modules)
     pe = PeUnderTest(replace(TABLE, modules=again)).attended()
-    puppets.pull_all()
-    puppets.CHANGES_MODE.add("thinker")
+    puppets.behave_normally()
+    puppets.CHANGES_MODE.add("control")
     pe.flies(Slice((_GAUGE, _FINE), publish={DEMAND: 1}))
-    working = puppets.PULLED["thinker"]
-    puppets.PULLED["thinker"] = puppets.raising
+    working = puppets.BEHAVIOUR["control"]
+    puppets.BEHAVIOUR["control"] = puppets.raising
     pe.run(50)  # it has failed twice, and waits
-    puppets.PULLED["thinker"] = working
+    puppets.BEHAVIOUR["control"] = working
     pe.prepare(_NEXT, Slice((_GAUGE, _COARSE), publish={DEMAND: 1}), _NEXT_DIGEST)
     pe.run(10)
     puppets.BUILT.clear()
     _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
     _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
     pe.run(20)
-    equal(puppets.BUILT, ["thinker"], "modules built for the other mode")
+    equal(puppets.BUILT, ["control"], "modules built for the other mode")
 
 
 def data_come_and_go_as_wired() -> None:
-    """Of the node named, in its type and version, for three periods of the source; before that, the initial one."""
+    """A module sees data of the named node, type and version, for three periods; at first the initial value."""
     pe = _attended()
-    puppets.PULLED["lamp"] = _watch
+    puppets.BEHAVIOUR["lamp"] = _watch
     lamp = Slice((_LAMP,), remote={DEMAND: NEIGHBOUR})
     pe.flies(lamp)
     _SEEN.clear()
@@ -256,7 +260,7 @@ def _watch(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
 
 
 def a_datum_that_its_producer_does_not_trust_says_so() -> None:
-    """Validity: not stated, valid and degraded can be used; invalid, and not computed, are handed on as such."""
+    """Validity not stated, valid and degraded can be used; a module sees invalid and not computed data as such."""
     pe = _attended()
     trusted: list[bool] = []
 
@@ -264,7 +268,7 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
         trusted.extend(datum.valid for datum in inputs.values())
         return {}
 
-    puppets.PULLED["lamp"] = look
+    puppets.BEHAVIOUR["lamp"] = look
     pe.flies(Slice((_LAMP,), remote={DEMAND: NEIGHBOUR}))
     for validity, is_trusted in enumerate((True, True, True, False, False)):
         frame = datum(DEMAND_ID, 1.0)
@@ -275,7 +279,7 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
 
 
 def a_step_may_wait_for_the_processor() -> None:
-    """For T_lease: one that is busy for some ms with each module computes them all."""
+    """It waits for T_lease: a processor that is busy for some ms with each module computes them all."""
     pe = _attended().flies()
     pe.pe.steps.slow = Random(0)
     began_ns = pe.run(400)
@@ -284,7 +288,7 @@ def a_step_may_wait_for_the_processor() -> None:
         demand(count >= 8, f"{count} data under {identifier} of a slow processor in 400 ms")
 
 
-def what_another_node_may_send_is_taken_back() -> None:
+def data_that_another_node_may_send_are_withdrawn() -> None:
     """Frames of a source that moves away, and still wait while the bus is full, are not sent after BREAK."""
     pe = _attended().flies()
     pe.prepare(_NEXT, Slice((_GAUGE,), publish={HEIGHT: 1}), _NEXT_DIGEST)
@@ -295,13 +299,13 @@ def what_another_node_may_send_is_taken_back() -> None:
     broken_ns = next(t_ns for t_ns, page in pe.pages_0(began_ns) if page.state is PeState.BROKEN)
     late = [t_ns for identifier in (DEMAND_ID, HELP_ID) for t_ns, _ in pe.data(identifier, broken_ns)]
     equal(late, [], "data after it has said that it is broken")
-    demand(bool(pe.data(HEIGHT_ID, broken_ns)), "what stays is taken back, too")
+    demand(bool(pe.data(HEIGHT_ID, broken_ns)), "data that stay are withdrawn, too")
     codes = [d.message_code for _, d in pe.data(HEIGHT_ID, -1)]
     equal(codes, list(range(len(codes))), "message codes of what stays")
 
 
-def what_the_manager_may_give_away_is_taken_back() -> None:
-    """Frames of a module that may run elsewhere, and still wait when ALIVE names others, or another has its number."""
+def data_that_the_manager_may_give_away_are_withdrawn() -> None:
+    """Frames of a movable module that still wait when ALIVE names other PEs, or another node has this node-ID."""
     for clashes in (False, True):
         pe = _attended().flies()
         _fill_the_bus(pe)
@@ -317,15 +321,15 @@ def what_the_manager_may_give_away_is_taken_back() -> None:
 
 
 def _fill_the_bus(pe: PeUnderTest) -> None:
-    """For more than a heartbeat period, from early in one on, with what is more urgent than all data."""
+    """Fill the bus for more than a heartbeat period with frames that are more urgent than all data."""
     pe.run_into_next_period(2)
     pe.main.say(*[Frame(HEIGHT_ID - 1, bytes(8))] * 240)
 
 
 def a_branch_needs_its_name_in_alive() -> None:
-    """Nothing is driven before ALIVE names it, and nothing from the first ALIVE on that does not."""
+    """A branch is not driven before ALIVE names its PE, nor from the first ALIVE on that does not."""
     pe = PeUnderTest()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
     pe.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
     pe.run(150)
@@ -343,8 +347,8 @@ def a_branch_needs_its_name_in_alive() -> None:
     demand(not [t for t in pe.drives if t > began_ns], "its branch is driven, and ALIVE names others")
 
 
-def a_branch_needs_somebody_to_be_heard() -> None:
-    """For T_lease after the last page 0, LEASE or ALIVE; data, pages 1 and EMCYs do not count."""
+def a_branch_needs_another_node_to_be_heard() -> None:
+    """It is driven for T_lease after the last page 0, LEASE or ALIVE; data, pages 1 and EMCYs do not count."""
     for heard in ("neighbour", "manager"):
         pe = _attended().flies()
         pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
@@ -359,9 +363,9 @@ def a_branch_needs_somebody_to_be_heard() -> None:
         last_drive_ns = max(pe.drives)
         demand(
             last_ns + 75 * MS < last_drive_ns <= last_ns + 102 * MS,
-            f"after the last word of anybody it drives for {(last_drive_ns - last_ns) / MS} ms",
+            f"after the last frame of another node it drives for {(last_drive_ns - last_ns) / MS} ms",
         )
-        demand(PeFlags.OUTPUT_HELD in pe.page_0().flags, "it hears nobody, and does not say that it holds back")
+        demand(PeFlags.OUTPUT_HELD in pe.page_0().flags, "it hears no other node, and does not report OUTPUT_HELD")
 
 
 _NO_EVIDENCE = (
@@ -372,7 +376,7 @@ _NO_EVIDENCE = (
 
 
 def after_a_silence_an_alive_must_name_it() -> None:
-    """Or others must be heard for T_lease: until then it is in doubt."""
+    """Or it must hear other nodes for T_lease: until then it is in doubt."""
     pe = _attended().flies()
     kept = pe.neighbour
     pe.lease = pe.alive = pe.neighbour = None
@@ -384,7 +388,7 @@ def after_a_silence_an_alive_must_name_it() -> None:
     first_ns = min(t for t in pe.drives if t > again_ns)
     demand(
         95 * MS < first_ns - again_ns < 125 * MS,
-        f"after a silence it drives again {(first_ns - again_ns) / MS} ms after somebody is heard",
+        f"after a silence it drives again {(first_ns - again_ns) / MS} ms after another node is heard",
     )
     pe.neighbour = None
     pe.run(200)
@@ -393,24 +397,24 @@ def after_a_silence_an_alive_must_name_it() -> None:
     demand(bool([t for t in pe.drives if t > began_ns]), "after a silence ALIVE names it, and it does not drive")
 
 
-def who_begins_to_mastership_ends_no_doubt() -> None:
-    """It counts on whoever it hears, and does not know who was replaced before; once it names what runs, it does."""
+def a_manager_that_has_just_become_active_ends_no_doubt() -> None:
+    """It has every PE available that it hears, without knowing which was replaced; naming what runs ends it."""
     pe = _back_under_another(after_ms=200)
     began_ns = pe.run(90)
-    equal([t for t in pe.drives if t > began_ns], [], "its branch is driven, and nobody has said what runs")
+    equal([t for t in pe.drives if t > began_ns], [], "its branch is driven, and no manager has named what runs")
     pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST)
     began_ns = pe.run(45)
     demand(bool([t for t in pe.drives if t > began_ns]), "a manager names what runs, and its branch stands still")
     pe = _back_under_another(after_ms=70)
     began_ns = pe.run(90)
     demand(bool([t for t in pe.drives if t > began_ns]), "its branch stands still after a silence within T_lease")
-    equal(pe.data(DEMAND_ID, began_ns), [], "what could run elsewhere, while nobody has said what runs")
+    equal(pe.data(DEMAND_ID, began_ns), [], "data of a movable module, while no manager has named what runs")
     began_ns = pe.run(60)
     demand(bool(pe.data(DEMAND_ID, began_ns)), "what could run elsewhere is sent no more")
 
 
 def a_step_before_the_last_ends_no_doubt() -> None:
-    """Whoever took its place may not have let go yet."""
+    """The PE that took its place may not have released its outputs yet."""
     pe = _back_under_another(after_ms=200)
     pe.lease = Lease(6, _EPOCH, Step.GO, _DIGEST)
     began_ns = pe.run(75)
@@ -421,7 +425,7 @@ def a_step_before_the_last_ends_no_doubt() -> None:
 
 
 def _back_under_another(after_ms: float) -> PeUnderTest:
-    """A PE that has heard nobody for so long, and then a manager that begins, and counts on it."""
+    """A PE that has heard no node for so long, and then a new active manager that has it available."""
     pe = _attended().flies()
     pe.run_into_next_period(5)
     pe.lease = pe.alive = pe.neighbour = None
@@ -431,7 +435,7 @@ def _back_under_another(after_ms: float) -> PeUnderTest:
 
 
 def a_silence_within_t_lease_raises_no_doubt() -> None:
-    """Of what is exclusive: it is driven on. What could run elsewhere is sent again once that doubt is over."""
+    """A branch is driven on. Data of a movable module are sent again when the doubt about them is over."""
     pe = _attended().flies()
     kept = pe.neighbour
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
@@ -447,7 +451,7 @@ def a_silence_within_t_lease_raises_no_doubt() -> None:
 
 
 def a_newer_epoch_elsewhere_stops_it() -> None:
-    """What a neighbour runs and it has not followed; an older one, or none, does not matter."""
+    """A newer epoch that a neighbour runs and the PE has not followed; an older one, or none, has no effect."""
     pe = _attended().flies()
     assert pe.neighbour is not None
     pe.lease = None
@@ -464,7 +468,7 @@ def a_newer_epoch_elsewhere_stops_it() -> None:
 
 
 def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
-    """After the last word of anybody; it goes on computing, and what cannot be elsewhere goes on being sent."""
+    """After the last frame of another node; the module goes on computing, and data of fixed modules are sent on."""
     pe = _attended().flies()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.neighbour = pe.lease = pe.alive = None
@@ -477,8 +481,8 @@ def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
     equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes")
 
 
-def who_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
-    """It is asked (PING) once in a period: from two periods after the first on, until nobody has asked for a while."""
+def a_pe_that_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
+    """The manager sends PING once in a period: data are held from two periods after the first, until PING stops."""
     pe = _attended().flies()
     for beats in (1, 6):
         pe.run_into_next_period(2)
@@ -490,14 +494,14 @@ def who_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
         pe.run(150)
         sent = moments(pe.data(DEMAND_ID, asked_ns - PERIOD_NS))
         held = [t_ns for t_ns in sent if asked_ns + 41 * MS < t_ns < last_ns + 20 * MS]
-        equal(held, [], f"what could run elsewhere, while it is asked {beats} times")
+        equal(held, [], f"data of a movable module, while it is sent {beats} PINGs")
         longest_ms = max(gaps([*sent, pe.now_ns])) / MS
         wanted = longest_ms < 30 if beats == 1 else 60 < longest_ms < 125
-        demand(wanted, f"asked {beats} times it sends nothing for {longest_ms} ms")
+        demand(wanted, f"after {beats} PINGs it sends nothing for {longest_ms} ms")
 
 
 def an_output_is_echoed() -> None:
-    """What an actuator was told, and that an output ran which tells none; each frame with the next code."""
+    """The value of an actuator, and that an output without an actuator ran; each frame with the next code."""
     pe = _attended().flies()
     began_ns = pe.run(1000)
     told = [d for _, d in pe.echoes(began_ns)]
@@ -508,9 +512,9 @@ def an_output_is_echoed() -> None:
     demand(9 <= len(ran) <= 11, f"an output of 10 Hz is echoed {len(ran)} times in a second")
     codes = [d.message_code for d in told]
     equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes of echoes")
-    equal({d.node_id for d in told}, {NODE}, "who echoes")
+    equal({d.node_id for d in told}, {NODE}, "nodes that echo")
     equal(set(pe.world.written[-50:]), {100.0}, "what moves")
-    puppets.PULLED["servo"] = puppets.writing("far")
+    puppets.BEHAVIOUR["servo"] = puppets.writing("far")
     pe.run(30)
     began_ns = pe.run(200)
     equal({d.service_code for _, d in pe.echoes(began_ns)}, {0}, "devices echoed that were told what is no number")
@@ -518,7 +522,7 @@ def an_output_is_echoed() -> None:
 
 
 def what_could_run_elsewhere_needs_its_name_in_alive() -> None:
-    """Frames of a module that may run elsewhere stop when ALIVE names others, and while a newer epoch is known."""
+    """Frames of a movable module stop when ALIVE does not name the PE, and while a newer epoch is known."""
     pe = _attended().flies()
     pe.alive = frozenset((NEIGHBOUR,))
     pe.run(45)
@@ -537,7 +541,7 @@ def what_could_run_elsewhere_needs_its_name_in_alive() -> None:
 
 
 def it_says_that_it_holds_back_what_could_run_elsewhere() -> None:
-    """A module that may run elsewhere, and is published; not one that is not, or that is bound to this PE."""
+    """The PE reports OUTPUT_HELD for a movable module that is published; not for others."""
     for part, holds in (
         (Slice((_GAUGE, _FINE), publish={HEIGHT: 1, DEMAND: 1}), True),
         (Slice((_GAUGE, _FINE), publish={HEIGHT: 1}), False),
@@ -551,7 +555,7 @@ def it_says_that_it_holds_back_what_could_run_elsewhere() -> None:
 
 
 def its_objects_tell_what_each_module_does() -> None:
-    """Not wanted, not started yet, held, running."""
+    """Module states in the object dictionary: not wanted, not started yet, held, running."""
     pe = _attended()
     pe.prepare(_EPOCH, replace(EVERYTHING, modules=EVERYTHING.modules[:4], publish={}), _DIGEST)
     pe.run(15)

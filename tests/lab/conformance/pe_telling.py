@@ -1,4 +1,4 @@
-"""What a PE keeps for people: a line in its log where something has changed, a count of what it has not obeyed."""
+"""What a PE records for its operator: a line in its log for each change, and counts of refused and malformed frames."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -50,7 +50,7 @@ _PAGE = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0).encode()
 
 
 def what_it_does_not_accept_is_counted() -> None:
-    """Each once; and what is for others, or means nothing here, is not."""
+    """Each refused frame is counted once; frames for other nodes, or without a meaning here, are not counted."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR}))
     ping, request = command_frame(Ping(5, NODE, 0)), Frame(sdo_request_id(NODE), with_data(UPLOAD, DEVICE_NAME, 0))
@@ -94,9 +94,9 @@ def what_it_does_not_accept_is_counted() -> None:
 
 
 def what_is_held_back_is_counted() -> None:
-    """Steps and writes of a branch, frames that could come from elsewhere, reports of what there is not."""
+    """Steps and writes of a branch, frames of a movable module, reports of unknown elements."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies()
     before = pe.counted
     pe.run(200)
@@ -108,12 +108,12 @@ def what_is_held_back_is_counted() -> None:
     demand(15 <= pe.counted - before <= 26, f"counted while outputs are held for 200 ms: {pe.counted - before}")
     pe.alive = frozenset((NODE,))
     pe.run(100)
-    for strings in (
+    for behaviour in (
         puppets.asking("nowhere"),
         puppets.reporting("device:nothing"),
         puppets.giving(height=1.0),
     ):
-        puppets.PULLED["helper"] = strings
+        puppets.BEHAVIOUR["helper"] = behaviour
         pe.run(30)
         before = pe.counted
         pe.run(200)
@@ -121,16 +121,16 @@ def what_is_held_back_is_counted() -> None:
 
 
 def what_changes_is_noted() -> None:
-    """Once each: its start, terms, steps, leases, outputs, faults, phases, clashes."""
+    """One note for each: start, term, step, lease, outputs, faults, phases, node-ID clash."""
     pe = PeUnderTest()
     pe.run(30)
     equal(
         pe.notes("start"),
-        ["PE one of drill, node 95", "no key: whoever can send on the bus can command it"],
+        ["PE one of trial, node 95", "no key: any node on the bus can command this PE"],
         "notes of its start",
     )
     pe.attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     equal(len(pe.notes("term")), 1, "notes of a term")
     equal(pe.notes("lease"), ["a manager is heard"], "notes of a lease")
     pe.flies(EVERYTHING)
@@ -149,12 +149,12 @@ def what_changes_is_noted() -> None:
     pe.alive = frozenset((NODE,))
     pe.run(1200)
     equal(pe.notes("output")[before:], ["exclusive outputs are held back", "exclusive outputs are free"], "of outputs")
-    puppets.PULLED["helper"] = puppets.asking("land")
-    puppets.PULLED["gauge"] = puppets.reporting("device:gauge_sensor")
+    puppets.BEHAVIOUR["helper"] = puppets.asking("land")
+    puppets.BEHAVIOUR["gauge"] = puppets.reporting("device:gauge_sensor")
     pe.run(200)
     equal(len(pe.notes("phase")), 1, "notes of a phase")
     equal(len(pe.notes("fault")), 1, "notes of a fault")
-    puppets.PULLED["helper"] = puppets.raising
+    puppets.BEHAVIOUR["helper"] = puppets.raising
     pe.run(400)
     equal(len(pe.notes("restart")), 2, "notes of restarts")
     equal(len(pe.notes("fault")), 2, "notes of faults")
@@ -165,9 +165,9 @@ def what_changes_is_noted() -> None:
 
 
 def releases_that_were_missed_are_counted() -> None:
-    """While the processor stands still: one of each module is made up for, the others are skipped."""
+    """Of the releases while the processor stands still, one of each module is made up, the others are skipped."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
     equal(pe.object(COUNTERS, 2), 0, "releases that were missed")
     steps: list[int] = []
@@ -176,7 +176,7 @@ def releases_that_were_missed_are_counted() -> None:
         steps.append(pe.now_ns)
         return {}
 
-    puppets.PULLED["helper"] = counts
+    puppets.BEHAVIOUR["helper"] = counts
     began_ns = pe.now_ns
     pe.pe.pause(210 * MS)
     pe.run(300)
@@ -187,7 +187,7 @@ def releases_that_were_missed_are_counted() -> None:
 
 
 def requests_by_sdo_wait_for_their_turn() -> None:
-    """In flight each has a tenth of the bus; four wait, what more comes is counted and dropped."""
+    """In flight SDO takes a tenth of the bus; four requests wait, further ones are counted and dropped."""
     pe = PeUnderTest().attended().flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
     pe.run_into_next_period(5)
     before = pe.counted
@@ -197,7 +197,7 @@ def requests_by_sdo_wait_for_their_turn() -> None:
     pe.main.say(*([request] * 8))
     pe.run(30)
     answers = pe.main.since(began_ns, [sdo_response_id(NODE)])
-    equal(len(answers), 5, "answers to eight requests at once")
+    equal(len(answers), 5, "answers to eight requests together")
     apart = [later.t_ns - earlier.t_ns for earlier, later in pairwise(answers)]
     demand(all(2.5 * MS < gap < 3 * MS for gap in apart), f"answers are {apart} ns apart")
     pe.run(10)
@@ -208,8 +208,8 @@ def requests_by_sdo_wait_for_their_turn() -> None:
     equal(len(pe.main.since(began_ns, [sdo_response_id(NODE)])), 1, "answers to one request")
 
 
-def an_echo_of_another_moves_the_world() -> None:
-    """Of an actuator that is that node's; of nobody else's, and of what is no number, not."""
+def an_echo_of_another_pe_moves_the_plant() -> None:
+    """An echo counts only for an actuator of the echoing node, and only with a number."""
     pe = PeUnderTest(_GATEWAY).attended()
     identifier = actuator_echo_id(NEIGHBOUR)
     for frame, moves in (
@@ -227,7 +227,7 @@ def an_echo_of_another_moves_the_world() -> None:
 
 
 def an_echo_that_nothing_here_feels_moves_nothing() -> None:
-    """A world follows the actuators that its sensors feel; a gateway hands on what all others say of theirs."""
+    """A plant follows the actuators that its sensors feel; a gateway forwards the echoes of all other actuators."""
     moved, handed_on = _echo(actuator_echo_id(NEIGHBOUR), NEIGHBOUR, 2, 2), _echo(actuator_echo_id(FAR), FAR, 2, 2)
     for felt, moves in (("rudder_motor", True), ("servo_motor", False)):
         pe = PeUnderTest(_GATEWAY)
@@ -247,10 +247,10 @@ def _echo(identifier: int, node: int, kind: int, device: int) -> Frame:
     return Frame(identifier, bytes((node, kind, device, 0, 0x3F, 0x80, 0, 0)))
 
 
-def a_step_that_changes_nothing_is_not_taken_back() -> None:
-    """GO after GO_ALL, BREAK after GO, PREPARE and slices of what runs: it goes on as it is."""
+def a_step_that_changes_nothing_is_not_undone() -> None:
+    """GO after GO_ALL, BREAK after GO, PREPARE and slices of what runs: the PE goes on unchanged."""
     pe = PeUnderTest().attended()
-    puppets.pull_all()
+    puppets.behave_normally()
     pe.flies()
     before = len(pe.notes("step"))
     for message in (
@@ -270,7 +270,7 @@ def a_step_that_changes_nothing_is_not_taken_back() -> None:
 
 
 def a_lost_channel_is_told_every_second() -> None:
-    """At once, and every second while it lasts; its end is told once. It is no fault, and waits for no answer."""
+    """It is reported immediately, and every second while it lasts; its end once. It is not acknowledged."""
     pe = PeUnderTest().attended()
     lost = [Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
     back = [Emergency(FaultCode.CHANNEL_BACK, 0, ElementKind.CHANNEL, 0, number) for number in (1, 2)]

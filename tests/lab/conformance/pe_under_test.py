@@ -1,12 +1,12 @@
-"""One real PE, and the rest of its aircraft played: a manager, a neighbour, whoever is beyond.
+"""One real PE, with the rest of its aircraft played: a manager, a neighbour, the nodes beyond a gateway.
 
-The PE is node 95 on `main` (1 Mbit/s, 20 ms). What is played goes on by itself, beat by beat, until it is told
-otherwise: `lease` and `alive` of manager 126, and the page 0 of neighbour 93. None in the place of one keeps it quiet.
+The PE is node 95 on `main` (1 Mbit/s, 20 ms). The played nodes send by themselves, beat by beat, until the test changes
+that: `lease` and `alive` of manager 126, and the page 0 of neighbour 93. None in the place of one stops it.
 
     module       where            does
     gauge        fixed, sensor    gives height
     servo        DEMUX branch     drives the actuator
-    thinker      movable          in `fine` reads height and gives demand 1; in `coarse` gives demand 2
+    control      movable          in `fine` reads height and gives demand 1; in `coarse` gives demand 2
     lamp         fixed            an output that drives nothing: reads demand, of either version
     helper       fixed            gives help; built anew twice if it fails
     other        on node 93       gives its own height
@@ -75,7 +75,7 @@ PLACE_NS = 3 * PERIOD_NS // 34  # of node 95 in the period: (n - 92) / 34 of it
 INCARNATION = 7
 GIVEN_BACK_NS = 5 * MS
 
-GAUGE, SERVO, PRE_PLANNER, LAMP, HELPER, OTHER = range(6)
+GAUGE, SERVO, CONTROL, LAMP, HELPER, OTHER = range(6)
 HEIGHT, DEMAND, HELP, OTHER_HEIGHT, CALL = range(5)  # sources
 HEIGHT_ID, DEMAND_ID, HELP_ID, OTHER_HEIGHT_ID, CALL_ID = 322, 1536, 1537, 1538, 1539
 SERVO_DEVICE, RUDDER_DEVICE = 1, 2
@@ -95,7 +95,7 @@ _DEMAND_LEAF = LeafEntry("", "demand", 1, 2)
 MAIN = Port("main", 1_000_000, PERIOD_NS, 3, wireless=False, channels=1, nodes=(NEIGHBOUR,))
 TABLE = PeTable(
     format=FORMAT,
-    spec="drill",
+    spec="trial",
     spec_digest="5e" * 32,
     name="one",
     node_id=NODE,
@@ -107,8 +107,8 @@ TABLE = PeTable(
         _module(GAUGE, "gauge", _mode("only", 50_000, height=1), device="gauge_sensor"),
         _module(SERVO, "servo", _mode("only", 50_000, _DEMAND_LEAF), device="servo_motor", demux=True),
         _module(
-            PRE_PLANNER,
-            "thinker",
+            CONTROL,
+            "control",
             _mode("fine", 50_000, LeafEntry("", "height", 1, 1), demand=1),
             _mode("coarse", 25_000, demand=2),
             movable=True,
@@ -118,7 +118,7 @@ TABLE = PeTable(
     ),
     sources=(
         SourceEntry("gauge", "height", HEIGHT_ID, 20 * MS),
-        SourceEntry("thinker", "demand", DEMAND_ID, 40 * MS),
+        SourceEntry("control", "demand", DEMAND_ID, 40 * MS),
         SourceEntry("helper", "help", HELP_ID, 20 * MS),
         SourceEntry("other", "height", OTHER_HEIGHT_ID, 20 * MS),
         SourceEntry("helper", "call", CALL_ID, 20 * MS),
@@ -134,7 +134,7 @@ TABLE = PeTable(
         DeviceEntry("servo_motor", "actuator", NODE),
         DeviceEntry("rudder_motor", "actuator", NEIGHBOUR),
     ),
-    module_names=("gauge", "servo", "thinker", "lamp", "helper", "other"),
+    module_names=("gauge", "servo", "control", "lamp", "helper", "other"),
     phases=(
         PhaseEntry("climb"),
         PhaseEntry("cruise", "height", above=100.0, hold_ns=200 * MS),
@@ -147,7 +147,7 @@ EVERYTHING = Slice(
     (
         ModuleSlice(GAUGE, 0, ()),
         ModuleSlice(SERVO, 0, (DEMAND,)),
-        ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)),
+        ModuleSlice(CONTROL, 0, (HEIGHT,)),
         ModuleSlice(LAMP, 0, (DEMAND,)),
         ModuleSlice(HELPER, 0, ()),
     ),
@@ -163,7 +163,7 @@ def with_plans_on_board(table: PeTable, *plans: tuple[Slice, int]) -> PeTable:
 
 
 class PuppetPlant(Plant):
-    """Devices that say and take what the drill wants."""
+    """A plant whose devices read and accept what the test sets."""
 
     def __init__(self) -> None:
         super().__init__(0)
@@ -172,7 +172,7 @@ class PuppetPlant(Plant):
         self.takes = True
 
     def read(self, device: str, now_ns: int) -> Value | None:  # noqa: ARG002
-        """What a device says."""
+        """Reading of a device, as the test has set it."""
         return self.readings.get(device)
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002
@@ -184,7 +184,7 @@ class PuppetPlant(Plant):
 
 
 class _Pe(SimulatedPe):
-    """A PE that keeps what it notes in its log, and what of the world it has to follow; it can give a step back."""
+    """A PE that keeps its notes, and the echoes that move its plant; it can give a step back."""
 
     notes: list[tuple[str, str]]
     followed: list[tuple[str, float]]
@@ -203,16 +203,16 @@ class _Pe(SimulatedPe):
         return super()._do(action)
 
     def tell(self, event: Event) -> None:
-        """Hand something to the core."""
+        """Hand an event to the core."""
         self.give(event)
 
 
 class PeUnderTest(UnderTest):
-    """The PE and its surroundings; everything that is played can be changed at any time."""
+    """The PE and its surroundings; the test can change all that is played at any time."""
 
     def __init__(self, table: PeTable = TABLE, *, key: Key | None = None, clock_ppm: int = 0) -> None:
-        """Start it; nothing is heard yet."""
-        puppets.let_go()
+        """Start the PE; it hears no frame yet."""
+        puppets.reset()
         super().__init__(PERIOD_NS)
         self.world, self.table = PuppetPlant(), table
         self.players = [Player(self.clock, port.bus, port.bitrate) for port in table.ports]
@@ -240,18 +240,18 @@ class PeUnderTest(UnderTest):
         self.lease: Lease | None = None
         self.alive: frozenset[int] | None = None
         self.neighbour: StatePage0 | None = None
-        self.said: Callable[[], None] | None = None  # more that is said with every beat
+        self.said: Callable[[], None] | None = None  # called with every beat, to send more
         self._beats = 0
         self._beat()
 
     def tell(self, event: Event) -> None:
-        """Let its driver or its modules tell it something."""
+        """Give the core an event, as its driver or its modules would."""
         self.pe.tell(event)
 
     # Time, and what goes on by itself
 
     def validate(self) -> None:
-        """Of its core."""
+        """Raise where an invariant of the core does not hold."""
         self.pe.core.validate()
 
     def _beat(self) -> None:
@@ -268,7 +268,7 @@ class PeUnderTest(UnderTest):
         self.clock.at(self.now_ns + PERIOD_NS, self._beat)
 
     def attended(self) -> "PeUnderTest":
-        """Let a manager reign that counts on it, and a neighbour live; gives this."""
+        """Let a manager be active that has it available, and a neighbour be alive; gives this."""
         self.lease = Lease(self.term, 0, Step.PREPARED, 0)
         self.alive = frozenset((NODE, NEIGHBOUR))
         self.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
@@ -278,7 +278,7 @@ class PeUnderTest(UnderTest):
     # What the manager does
 
     def prepare(self, epoch: int, part: Slice, digest: int, *, contingency: int = 0, body: bool = True) -> None:
-        """Say PREPARE, and the slice with its body."""
+        """Send PREPARE, and the slice with its body."""
         self.main.command(Prepare(self.term, epoch, digest, contingency), manager=self.manager)
         self.main.command(*self.slice_frames(epoch, part)[: None if body else 1], manager=self.manager)
 
@@ -287,7 +287,7 @@ class PeUnderTest(UnderTest):
         return slice_messages(NODE, epoch, part, self.table.spec_digest)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
-        """Say ACTIVATE, and repeat it in LEASE from now on."""
+        """Send ACTIVATE, and repeat it in LEASE from now on."""
         self.main.command(Activate(self.term, epoch, step, digest), manager=self.manager)
         if self.lease is not None:
             self.lease = Lease(self.term, epoch, step, digest)
@@ -296,7 +296,7 @@ class PeUnderTest(UnderTest):
             self.neighbour = replace(self.neighbour, state=state, epoch=epoch, digest=digest)
 
     def flies(self, part: Slice = EVERYTHING, epoch: int = 17, digest: int = 0x111111) -> "PeUnderTest":
-        """Bring it to run a configuration; gives this."""
+        """Let the PE run a configuration; gives this."""
         self.prepare(epoch, part, digest)
         self.run(15)
         self.activate(epoch, Step.GO_ALL, digest)
@@ -305,15 +305,15 @@ class PeUnderTest(UnderTest):
         return self
 
     def pinged(self) -> StatePage0:
-        """Ask for its state, now; gives page 0."""
+        """Send PING; gives page 0 of the answer, which must be immediate."""
         began_ns = self.now_ns
         self.main.command(Ping(self.term, NODE, 0), manager=self.manager)
         self.run(1.5)
         found = self.pages_0(began_ns)
-        demand(bool(found), "a PING is not answered at once")
+        demand(bool(found), "a PING is not answered immediately")
         return found[-1][1]
 
-    # What the PE says
+    # What the PE sends
 
     def pages(self, since_ns: int, player: Player | None = None) -> list[tuple[int, object]]:
         """Every page of its state, with its time."""
@@ -337,11 +337,11 @@ class PeUnderTest(UnderTest):
         return [(t_ns, page) for t_ns, page in self.pages(since_ns) if isinstance(page, StatePage3)]
 
     def page_0(self) -> StatePage0:
-        """The last page 0 it has said."""
+        """The last page 0 that it has sent."""
         return self.pages_0(-1)[-1][1]
 
     def page_1(self) -> StatePage1:
-        """The last page 1 it has said."""
+        """The last page 1 that it has sent."""
         return self.pages_1(-1)[-1][1]
 
     def data(self, identifier: int, since_ns: int, player: Player | None = None) -> list[tuple[int, Datum]]:
@@ -354,7 +354,7 @@ class PeUnderTest(UnderTest):
         return found
 
     def echoes(self, since_ns: int) -> list[tuple[int, Datum]]:
-        """What it says of its outputs."""
+        """Its output echoes."""
         return self.data(actuator_echo_id(NODE), since_ns)
 
     def emergencies(self, since_ns: int) -> list[tuple[int, Emergency]]:
@@ -378,18 +378,18 @@ class PeUnderTest(UnderTest):
         return int.from_bytes(data[4 : 8 - (data[0] >> 2 & 3)], "little")
 
     def notes(self, kind: str) -> list[str]:
-        """What it has noted in its log, of a kind."""
+        """Texts of its notes of a kind."""
         return [text for one, text in self.pe.notes if one == kind]
 
     @property
     def counted(self) -> int:
-        """How much it says that it has not understood, or not obeyed."""
+        """Number of malformed and refused frames, as its object dictionary gives it."""
         return self.object(COUNTERS, 1)
 
     # Demands
 
     def answers_in_page_1(self, since_ns: int, epoch: int, digest: int, reason: Reason) -> None:
-        """Demand one page 1 since a moment, that says this."""
+        """Demand one page 1 since a moment, with this content."""
         found = [page for _, page in self.pages_1(since_ns)]
         told = [(page.staged_epoch, page.staged_digest, page.reason) for page in found]
         equal(told, [(epoch, digest, reason)], "pages 1 name (epoch, digest, reason)")
@@ -400,21 +400,21 @@ class PeUnderTest(UnderTest):
 
 
 def datum(identifier: int, value: float, *, node: int = NEIGHBOUR, version: int = 1, code: int = 0) -> Frame:
-    """A FLOAT of somebody else."""
+    """A FLOAT datum of another node."""
     status = pack_status(Status(version, Validity.VALID))
     return encode_data(identifier, Datum(node, DataType.FLOAT, status, code, value))
 
 
 def gaps(times: Sequence[int]) -> list[int]:
-    """How far apart moments are."""
+    """Differences between successive times."""
     return [later - earlier for earlier, later in pairwise(times)]
 
 
 def moments(heard: Sequence[tuple[int, object]]) -> list[int]:
-    """When something was said."""
+    """Times of frames."""
     return [one[0] for one in heard]
 
 
 def immediate(t_ns: int, since_ns: int) -> bool:
-    """Tell whether something followed at once."""
+    """Tell whether a time follows another one immediately."""
     return since_ns < t_ns <= since_ns + SOON_NS

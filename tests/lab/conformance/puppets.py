@@ -1,52 +1,52 @@
-"""The modules of a PE under test: each does in its step what the drill has told it, and gives what it has read."""
+"""The modules of a PE under test: each does in its step what the conformance test has set."""
 
 from collections.abc import Callable, Mapping
 
 from heronry_agent.module import Context, Inputs, Module, Value
 
-Strings = Callable[[Context, Inputs], Mapping[str, Value]]
+Behaviour = Callable[[Context, Inputs], Mapping[str, Value]]
 
-PULLED: dict[str, Strings] = {}
-"""What each module does now, by name; a drill empties it first."""
+BEHAVIOUR: dict[str, Behaviour] = {}
+"""What each module does in a step, by name; every test empties it first."""
 CHANGES_MODE: set[str] = set()
 """Modules that go on when their mode changes."""
 BUILT: list[str] = []
 """Modules in the order in which they were built."""
 
 
-def let_go() -> None:
-    """Let every module do nothing."""
-    PULLED.clear()
+def reset() -> None:
+    """Forget all behaviour: every module does nothing."""
+    BEHAVIOUR.clear()
     CHANGES_MODE.clear()
     BUILT.clear()
 
 
 class Puppet(Module):
-    """Does as it is told."""
+    """A module whose steps the conformance test sets."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         BUILT.append(ctx.module)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Do what was told; nothing, where nothing was."""
-        pulled = PULLED.get(self.ctx.module)
-        return {} if pulled is None else pulled(self.ctx, inputs)
+        """Do what the test has set; nothing where it has set nothing."""
+        behaviour = BEHAVIOUR.get(self.ctx.module)
+        return {} if behaviour is None else behaviour(self.ctx, inputs)
 
     def mode_changed(self) -> bool:
-        """Go on, or be built anew."""
+        """Go on if the test has set so, else be built anew."""
         return self.ctx.module in CHANGES_MODE
 
 
-def pull_all(height: float = 50.0) -> None:
-    """Let each module of the PE under test do what it is for."""
-    PULLED["gauge"] = lambda _ctx, _inputs: {"height": height}
-    PULLED["thinker"] = _think
-    PULLED["servo"] = _drive
-    PULLED["helper"] = lambda _ctx, _inputs: {"help": 1, "call": 0}
+def behave_normally(height: float = 50.0) -> None:
+    """Let each module of the PE under test do what `pe_under_test` says."""
+    BEHAVIOUR["gauge"] = lambda _ctx, _inputs: {"height": height}
+    BEHAVIOUR["control"] = _control
+    BEHAVIOUR["servo"] = _drive
+    BEHAVIOUR["helper"] = lambda _ctx, _inputs: {"help": 1, "call": 0}
 
 
-def _think(ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
+def _control(ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
     if ctx.mode == "coarse":
         return {"demand": 0.5}
     height = inputs.get("height")
@@ -60,8 +60,8 @@ def _drive(ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
     return {}
 
 
-def asking(*phases: str) -> Strings:
-    """Ask for phases, in every step."""
+def asking(*phases: str) -> Behaviour:
+    """Request phases, in every step."""
 
     def step(ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
         for phase in phases:
@@ -71,7 +71,7 @@ def asking(*phases: str) -> Strings:
     return step
 
 
-def reporting(*elements: str, detail: int = 0) -> Strings:
+def reporting(*elements: str, detail: int = 0) -> Behaviour:
     """Report that elements have failed, in every step."""
 
     def step(ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
@@ -82,8 +82,8 @@ def reporting(*elements: str, detail: int = 0) -> Strings:
     return step
 
 
-def writing(value: Value) -> Strings:
-    """Tell the device something, in every step."""
+def writing(value: Value) -> Behaviour:
+    """Command the device to a value, in every step."""
 
     def step(ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
         ctx.write(value)
@@ -92,21 +92,21 @@ def writing(value: Value) -> Strings:
     return step
 
 
-def giving(**outputs: Value) -> Strings:
+def giving(**outputs: Value) -> Behaviour:
     """Give the same values in every step."""
     return lambda _ctx, _inputs: outputs
 
 
 def raising(_ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
-    """Raise."""
+    """Raise an exception."""
     raise ZeroDivisionError("told to")
 
 
-def once(strings: Strings) -> Strings:
-    """Do something in the next step alone."""
+def once(behaviour: Behaviour) -> Behaviour:
+    """Behave so in the next step alone."""
 
     def step(ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
-        PULLED.pop(ctx.module)
-        return strings(ctx, inputs)
+        BEHAVIOUR.pop(ctx.module)
+        return behaviour(ctx, inputs)
 
     return step

@@ -1,4 +1,4 @@
-"""The world of the bench: the same for everybody, consistent with itself, moved by actuators, failing on command."""
+"""The plant: the same for all PEs, consistent with itself, moved by actuators, with faults on command."""
 
 import math
 import statistics
@@ -50,8 +50,8 @@ def test_a_restarted_process_agrees_as_soon_as_it_has_heard_the_servo_for_a_whil
 
 
 def test_before_take_off_the_aircraft_stands_on_the_field() -> None:
-    bench = Plant(ORIGIN_NS)
-    assert bench.read("barometer", 0) == bench.read("barometer", ORIGIN_NS)
+    plant = Plant(ORIGIN_NS)
+    assert plant.read("barometer", 0) == plant.read("barometer", ORIGIN_NS)
     assert moment(-5 * SECOND_NS) == moment(0)
 
 
@@ -76,14 +76,14 @@ def test_the_angular_rates_add_up_to_the_attitude(axis: str) -> None:
 
 @pytest.mark.parametrize("seconds", [0, 20, 60, 94, 99, 130, 200, 228])
 def test_the_sensors_tell_of_one_and_the_same_aircraft(seconds: float) -> None:
-    bench, now = Plant(ORIGIN_NS), moment(round(seconds * SECOND_NS))
-    latitude, longitude, height_mm, _ = bench.read("gps", at(seconds))
-    pitch_rate, roll_rate, forward, right = bench.read("imu_1", at(seconds))
+    plant, now = Plant(ORIGIN_NS), moment(round(seconds * SECOND_NS))
+    latitude, longitude, height_mm, _ = plant.read("gps", at(seconds))
+    pitch_rate, roll_rate, forward, right = plant.read("imu_1", at(seconds))
     assert height_mm / 1e3 == pytest.approx(now.altitude_m, abs=4 * 4)
     assert latitude / 1e7 == pytest.approx(now.latitude_deg, abs=1e-4)
     assert longitude / 1e7 == pytest.approx(now.longitude_deg, abs=1e-4)
-    assert bench.read("barometer", at(seconds)) == pytest.approx(atmosphere.pressure_hpa(now.altitude_m), abs=0.5)
-    assert bench.read("pitot", at(seconds)) == pytest.approx(
+    assert plant.read("barometer", at(seconds)) == pytest.approx(atmosphere.pressure_hpa(now.altitude_m), abs=0.5)
+    assert plant.read("pitot", at(seconds)) == pytest.approx(
         atmosphere.differential_hpa(now.airspeed_m_per_s), abs=0.02
     )
     assert pitch_rate / 1e3 == pytest.approx(now.pitch_rate_deg_per_s, abs=0.4)
@@ -95,19 +95,19 @@ def test_the_sensors_tell_of_one_and_the_same_aircraft(seconds: float) -> None:
 
 
 def test_a_gps_receiver_repeats_its_fix_until_it_has_a_new_one() -> None:
-    bench = Plant(ORIGIN_NS)
-    assert bench.read("gps", at(30.01)) == bench.read("gps", at(30.09))
-    assert bench.read("gps", at(30.01)) != bench.read("gps", at(30.11))
+    plant = Plant(ORIGIN_NS)
+    assert plant.read("gps", at(30.01)) == plant.read("gps", at(30.09))
+    assert plant.read("gps", at(30.01)) != plant.read("gps", at(30.11))
 
 
 def test_the_surface_follows_whichever_servo_drives_with_a_lag() -> None:
-    bench = Plant(ORIGIN_NS)
-    bench.write("elevator_servo_1", 10.0, at(1))
-    assert bench.read("elevator_angle_sensor", at(1)) == pytest.approx(0.0, abs=0.2)
-    assert bench.read("elevator_angle_sensor", at(1.08)) == pytest.approx(10 * (1 - math.exp(-1)), abs=0.2)
-    assert bench.read("elevator_angle_sensor", at(2)) == pytest.approx(10.0, abs=0.2)
-    bench.heard("elevator_servo_2", -5.0, at(2))
-    assert bench.read("elevator_angle_sensor", at(3)) == pytest.approx(-5.0, abs=0.2)
+    plant = Plant(ORIGIN_NS)
+    plant.write("elevator_servo_1", 10.0, at(1))
+    assert plant.read("elevator_angle_sensor", at(1)) == pytest.approx(0.0, abs=0.2)
+    assert plant.read("elevator_angle_sensor", at(1.08)) == pytest.approx(10 * (1 - math.exp(-1)), abs=0.2)
+    assert plant.read("elevator_angle_sensor", at(2)) == pytest.approx(10.0, abs=0.2)
+    plant.heard("elevator_servo_2", -5.0, at(2))
+    assert plant.read("elevator_angle_sensor", at(3)) == pytest.approx(-5.0, abs=0.2)
 
 
 def test_an_elevator_that_goes_down_lowers_the_nose_in_the_glide_and_does_nothing_on_the_balloon() -> None:
@@ -119,23 +119,23 @@ def test_an_elevator_that_goes_down_lowers_the_nose_in_the_glide_and_does_nothin
 
 
 def test_the_airframe_turns_as_fast_as_its_attitude_changes() -> None:
-    bench, still = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
-    bench.write("rudder_servo_1", 15.0, at(130))
+    plant, still = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
+    plant.write("rudder_servo_1", 15.0, at(130))
     rolled = sum(
-        (bench.read("imu_1", at(130 + t / 100))[1] - still.read("imu_1", at(130 + t / 100))[1]) / 1e3 / 100
+        (plant.read("imu_1", at(130 + t / 100))[1] - still.read("imu_1", at(130 + t / 100))[1]) / 1e3 / 100
         for t in range(800)
     )
     assert rolled == pytest.approx(0.6 * 15.0, abs=0.1)
 
 
 def test_gas_fills_the_wings_and_stays() -> None:
-    bench = Plant(ORIGIN_NS)
-    bench.write("inflation_valve", 1.0, at(60))
-    assert bench.read("wing_pressure_sensor", at(60)) == pytest.approx(0, abs=4)
-    bench.write("inflation_valve", 0.0, at(68))
-    full = bench.read("wing_pressure_sensor", at(68))
+    plant = Plant(ORIGIN_NS)
+    plant.write("inflation_valve", 1.0, at(60))
+    assert plant.read("wing_pressure_sensor", at(60)) == pytest.approx(0, abs=4)
+    plant.write("inflation_valve", 0.0, at(68))
+    full = plant.read("wing_pressure_sensor", at(68))
     assert 450 < full < 550
-    assert bench.read("wing_pressure_sensor", at(78)) == pytest.approx(full, abs=10)
+    assert plant.read("wing_pressure_sensor", at(78)) == pytest.approx(full, abs=10)
 
 
 def test_wings_of_a_process_restarted_in_flight_are_full() -> None:
@@ -144,50 +144,50 @@ def test_wings_of_a_process_restarted_in_flight_are_full() -> None:
 
 
 def test_a_dead_sensor_says_nothing_a_stuck_one_always_the_same_and_a_biased_one_something_else() -> None:
-    bench, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
-    bench.fail("pressure_sensor_1", "dead", at(10))
-    bench.fail("pressure_sensor_2", "stuck", at(10))
-    bench.fail("pressure_sensor_3", "bias", at(10), offset=25.0)
-    assert bench.read("pressure_sensor_1", at(40)) is None
-    assert bench.read("pressure_sensor_2", at(40)) == healthy.read("pressure_sensor_2", at(10))
-    assert bench.read("pressure_sensor_3", at(40)) == pytest.approx(healthy.read("pressure_sensor_3", at(40)) + 25.0)
+    plant, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
+    plant.fail("pressure_sensor_1", "dead", at(10))
+    plant.fail("pressure_sensor_2", "stuck", at(10))
+    plant.fail("pressure_sensor_3", "bias", at(10), offset=25.0)
+    assert plant.read("pressure_sensor_1", at(40)) is None
+    assert plant.read("pressure_sensor_2", at(40)) == healthy.read("pressure_sensor_2", at(10))
+    assert plant.read("pressure_sensor_3", at(40)) == pytest.approx(healthy.read("pressure_sensor_3", at(40)) + 25.0)
     for device in ("pressure_sensor_1", "pressure_sensor_2", "pressure_sensor_3"):
-        bench.heal(device)
-        assert bench.read(device, at(50)) == healthy.read(device, at(50))
+        plant.heal(device)
+        assert plant.read(device, at(50)) == healthy.read(device, at(50))
 
 
 def test_a_bias_shifts_every_number_of_a_tuple_and_keeps_integers() -> None:
-    bench, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
-    bench.fail("gps", "bias", at(0), offset=1000.4)
-    assert bench.read("gps", at(9)) == tuple(item + 1000 for item in healthy.read("gps", at(9)))
+    plant, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
+    plant.fail("gps", "bias", at(0), offset=1000.4)
+    assert plant.read("gps", at(9)) == tuple(item + 1000 for item in healthy.read("gps", at(9)))
 
 
 def test_a_stuck_servo_leaves_the_surface_where_it_is_is_not_echoed_and_the_other_one_takes_over() -> None:
-    bench = Plant(ORIGIN_NS)
-    assert bench.write("elevator_servo_1", 8.0, at(1)) == 8.0
-    bench.fail("elevator_servo_1", "stuck", at(2))
-    assert bench.write("elevator_servo_1", -8.0, at(2)) is None
-    bench.heard("elevator_servo_1", -8.0, at(2))
-    assert bench.read("elevator_angle_sensor", at(3)) == pytest.approx(8.0, abs=0.2)
-    assert bench.write("elevator_servo_2", -8.0, at(3)) == -8.0
-    assert bench.read("elevator_angle_sensor", at(4)) == pytest.approx(-8.0, abs=0.2)
+    plant = Plant(ORIGIN_NS)
+    assert plant.write("elevator_servo_1", 8.0, at(1)) == 8.0
+    plant.fail("elevator_servo_1", "stuck", at(2))
+    assert plant.write("elevator_servo_1", -8.0, at(2)) is None
+    plant.heard("elevator_servo_1", -8.0, at(2))
+    assert plant.read("elevator_angle_sensor", at(3)) == pytest.approx(8.0, abs=0.2)
+    assert plant.write("elevator_servo_2", -8.0, at(3)) == -8.0
+    assert plant.read("elevator_angle_sensor", at(4)) == pytest.approx(-8.0, abs=0.2)
 
 
 def test_a_biased_servo_goes_to_the_wrong_place_and_the_echo_says_where() -> None:
-    bench, elsewhere = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
-    bench.fail("elevator_servo_1", "bias", at(0), offset=3.0)
-    echo = bench.write("elevator_servo_1", 4.0, at(1))
+    plant, elsewhere = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
+    plant.fail("elevator_servo_1", "bias", at(0), offset=3.0)
+    echo = plant.write("elevator_servo_1", 4.0, at(1))
     assert echo == 7.0
     elsewhere.heard("elevator_servo_1", echo, at(1))
-    assert elsewhere.read("elevator_angle_sensor", at(2)) == bench.read("elevator_angle_sensor", at(2))
+    assert elsewhere.read("elevator_angle_sensor", at(2)) == plant.read("elevator_angle_sensor", at(2))
 
 
 def test_an_unknown_actuator_stores_and_an_unknown_sensor_reads_zero() -> None:
-    bench = Plant(ORIGIN_NS)
-    assert bench.read("my_own_sensor", at(1)) == 0.0
-    assert bench.position("my_own_lamp") is None
-    bench.write("my_own_lamp", "green", at(1))
-    assert bench.position("my_own_lamp") == bench.read("my_own_lamp", at(2)) == "green"
+    plant = Plant(ORIGIN_NS)
+    assert plant.read("my_own_sensor", at(1)) == 0.0
+    assert plant.position("my_own_lamp") is None
+    plant.write("my_own_lamp", "green", at(1))
+    assert plant.position("my_own_lamp") == plant.read("my_own_lamp", at(2)) == "green"
 
 
 def test_a_surface_does_not_move_by_a_text() -> None:
@@ -196,11 +196,11 @@ def test_a_surface_does_not_move_by_a_text() -> None:
 
 
 def test_the_ground_asks_for_the_cut_in_time_and_never_for_the_parachute() -> None:
-    bench = Plant(ORIGIN_NS)
+    plant = Plant(ORIGIN_NS)
     for device in ("command_receiver", "console"):
-        assert bench.read(device, at(CUTDOWN_S - 1)) == (0, 0)
-        assert bench.read(device, at(CUTDOWN_S + 1)) == (0, 1)
-    assert bench.read("receiver", at(100)) == 0
+        assert plant.read(device, at(CUTDOWN_S - 1)) == (0, 0)
+        assert plant.read(device, at(CUTDOWN_S + 1)) == (0, 1)
+    assert plant.read("receiver", at(100)) == 0
 
 
 def test_noise_is_nearly_normal_and_devices_are_independent() -> None:
