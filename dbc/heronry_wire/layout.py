@@ -51,12 +51,15 @@ class Layout:
             return None
         return self.fields_of(data)
 
-    def span(self, name: str) -> slice:
-        """Bytes of one field, for a reader of this field alone; raises ValueError unless it has whole bytes."""
+    def span(self, name: str) -> tuple[int, int]:
+        """First byte of one field and the byte after its last, for a reader of this field alone.
+
+        Raises ValueError unless the field has whole bytes. Two numbers, since compiled code takes no slice as an index.
+        """
         at = 0
         for field in self.fields:
             if field.name == name and at % 8 == field.bits % 8 == 0:
-                return slice(at // 8, (at + field.bits) // 8)
+                return at // 8, (at + field.bits) // 8
             at += field.bits
         raise ValueError(f"{self.name} has no field {name} of whole bytes")
 

@@ -341,7 +341,7 @@ def _slice(data: bytes) -> SliceHead | SliceBody | Malformed:
         return Malformed("SLICE has a wrong length")
     if head[2] == 0:
         return SliceHead(head[0], head[1], head[3], head[4])
-    return SliceBody(head[0], head[1], head[2], bytes(data[_BODY]))
+    return SliceBody(head[0], head[1], head[2], bytes(data[_BODY_FROM:_BODY_TO]))
 
 
 def _activate(data: bytes) -> Activate | Malformed:
@@ -376,7 +376,7 @@ _DECODERS = {
 
 def is_welcome(control: bytes) -> bool:
     """Tell whether the payload of a CONTROL is that of a WELCOME."""
-    return len(control) == CONTROL.length and control[_OPERATION.start] == Operation.WELCOME
+    return len(control) == CONTROL.length and control[_OPERATION_FROM] == Operation.WELCOME
 
 
 def control_node(data: bytes) -> int:
@@ -397,7 +397,7 @@ def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
 
 def without_sequence(alive: bytes) -> bytes:
     """Give the bytes of an ALIVE without its sequence, which always changes."""
-    return alive[: _SEQUENCE.start] + alive[_SEQUENCE.stop :]
+    return alive[:_SEQUENCE_FROM] + alive[_SEQUENCE_TO:]
 
 
 def decode_tag(data: bytes) -> tuple[int, int, int] | None:
@@ -423,7 +423,8 @@ def decode_emergency(data: bytes) -> Emergency | Malformed:
         return Malformed("EMCY has a code or element that is not ours")
 
 
-_CONTROL_NODE_AT: int = CONTROL.span("node").start
-_NODE_AT: int = SLICE_BODY.span("node").start
-_BODY = SLICE_BODY.span("body")
-_OPERATION, _SEQUENCE = CONTROL.span("operation"), ALIVE.span("sequence")
+_CONTROL_NODE_AT, _ = CONTROL.span("node")
+_NODE_AT, _ = SLICE_BODY.span("node")
+_BODY_FROM, _BODY_TO = SLICE_BODY.span("body")
+_OPERATION_FROM, _ = CONTROL.span("operation")
+_SEQUENCE_FROM, _SEQUENCE_TO = ALIVE.span("sequence")

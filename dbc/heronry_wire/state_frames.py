@@ -157,32 +157,32 @@ def page_of(data: bytes) -> int | None:
 
 def epoch_of(page_0: bytes) -> int:
     """Epoch that a page 0 names; it must have its length."""
-    return int.from_bytes(page_0[_EPOCH], "big")
+    return int.from_bytes(page_0[_EPOCH_FROM:_EPOCH_TO], "big")
 
 
 def sequence_of(page_0: bytes) -> int:
     """Sequence of a page 0, which may be cut behind it."""
-    return page_0[_SEQUENCE_AT]
+    return page_0[_SEQUENCE_FROM]
 
 
 def without_sequence(data: bytes) -> bytes:
     """Give the bytes of a page 0 without its sequence; of any other page, without the byte in that place."""
-    return data[: _SEQUENCE.start] + data[_SEQUENCE.stop :]
+    return data[:_SEQUENCE_FROM] + data[_SEQUENCE_TO:]
 
 
 def split_state(data: bytes) -> tuple[bytes, int]:
     """Give the bytes of a page 0 or 1 without its digest, and the number in that place: the tag."""
-    place = _tag_place(data)
-    return data[: place.start] + data[place.stop :], int.from_bytes(data[place], "big")
+    first, after = _tag_place(data)
+    return data[:first] + data[after:], int.from_bytes(data[first:after], "big")
 
 
 def joined_state(said: bytes, tag: int) -> bytes:
     """Put a page together again: the reverse of `split_state`."""
-    place = _tag_place(said)
-    return said[: place.start] + tag.to_bytes(place.stop - place.start, "big") + said[place.start :]
+    first, after = _tag_place(said)
+    return said[:first] + tag.to_bytes(after - first, "big") + said[first:]
 
 
-def _tag_place(data: bytes) -> slice:
+def _tag_place(data: bytes) -> tuple[int, int]:
     return _STAGED_DIGEST if page_of(data) else _DIGEST
 
 
@@ -213,6 +213,6 @@ def _head(byte: int) -> tuple[int, PeState | None, PeFlags]:
 _NO_STATE = Malformed("STATE has a wrong length or state")
 _HEADS = tuple(_head(byte) for byte in range(256))  # by the first byte: this is hot
 _PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
-_EPOCH, _SEQUENCE = STATE_0.span("epoch"), STATE_0.span("sequence")
-_SEQUENCE_AT: int = _SEQUENCE.start
+_EPOCH_FROM, _EPOCH_TO = STATE_0.span("epoch")
+_SEQUENCE_FROM, _SEQUENCE_TO = STATE_0.span("sequence")
 _DIGEST, _STAGED_DIGEST = STATE_0.span("digest"), STATE_1.span("staged_digest")
