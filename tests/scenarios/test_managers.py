@@ -34,7 +34,7 @@ def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
     assert simulation.settle() == []
     second = simulation.managers.running[127]
     assert second.stopped is not None
-    assert "manager 126 already" in second.stopped
+    assert "manager 126 is already active" in second.stopped
     assert active_manager is not None
     assert active_manager.stopped is None
 
