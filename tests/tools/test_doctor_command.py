@@ -87,10 +87,10 @@ def test_a_vcan_and_a_driver_that_tells_little_are_right() -> None:
         ),
         (replace(GOOD, restart_ms=0), "restart", "ip link set can0 down && "),
         (replace(GOOD, queue_length=5), "queue", "ip link set can0 txqueuelen 10"),
-        (replace(GOOD, transmit_errors=97), "errors", "look at termination"),
-        (replace(GOOD, state=ControllerState.ERROR_PASSIVE), "errors", "look at termination"),
+        (replace(GOOD, transmit_errors=97), "errors", "check termination"),
+        (replace(GOOD, state=ControllerState.ERROR_PASSIVE), "errors", "check termination"),
         (replace(GOOD, state=ControllerState.BUS_OFF), "errors", "ip link set can0 down && "),
-        (replace(GOOD, bus_offs=2), "bus-off", "look at termination"),
+        (replace(GOOD, bus_offs=2), "bus-off", "check termination"),
     ],
 )
 def test_whatever_is_wrong_with_an_interface_has_its_remedy(

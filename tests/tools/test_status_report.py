@@ -76,7 +76,7 @@ def test_with_a_key_it_tells_which_and_what_was_refused() -> None:
     manager.hear(Frame(manager.state_id("left"), refused.encode()))
     lines = told(manager)
     assert lines[0].endswith(f"key {Key(b'k' * 32).fingerprint}")
-    assert "it is not believed; it refused 6 commands" in lines[3]
+    assert "its states carry no valid proof; it refused 6 commands" in lines[3]
 
 
 def test_a_radio_that_is_not_whole_is_a_trouble() -> None:

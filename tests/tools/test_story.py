@@ -237,12 +237,12 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown()
     ]
     lines = [line.text.removeprefix("[  0.00 s] ") for line in told(Story(ELEVATOR), events)]
     assert lines[:-1] == [
-        "epoch 7 runs already: it is adopted as it is",
+        "epoch 7 runs already: the manager adopts it as it is",
         "PHASE land (was climb), requested by tail_pe",
         "device:gps counts as working again, cleared by the operator",
         "it would start b, c; move a",
         "it would only change modes and wires",
-        "epoch 8 runs, which this manager does not know: it advises nothing",
+        "epoch 8 runs, which this manager does not know: it gives no advice",
     ]
     assert lines[-1].startswith("[  0.01 s] KILL tail_pe")
     assert "it ran state_estimator" in lines[-1]
@@ -346,7 +346,7 @@ def test_a_replicated_bus_is_two_of_whatever_it_is(tmp_path: Path) -> None:
 
 
 def test_a_bus_named_in_both_ways_is_one_clear_sentence(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="--bus can0: -i and -c have named that bus already"):
+    with pytest.raises(UserError, match="--bus can0: -i and -c name that bus already"):
         choose(BIG_BLUE, tmp_path, {"can0": ("softbus", "x")}, ("socketcan", "can7", None))
 
 
@@ -355,7 +355,7 @@ def test_a_bus_named_in_both_ways_is_one_clear_sentence(tmp_path: Path) -> None:
     [
         ("softbus", "/tmp/can0.sock", "no bus-off"),
         ("socketcan", "vcan0", "no arbitration"),
-        ("socketcan", "can0", "the real thing"),
+        ("socketcan", "can0", "real hardware"),
         ("udp_multicast", "239.0.0.1", "239.0.0.1"),
     ],
 )

@@ -191,7 +191,7 @@ def test_a_service_that_is_worth_nothing_has_nothing_in_its_way() -> None:
 
 def test_what_cannot_be_found_out_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Planning, "all_at_once", lambda *_: Answer(None, proven=False))
-    with pytest.raises(UserError, match="could not find out in time"):
+    with pytest.raises(UserError, match="did not decide in time"):
         explained(CHUTE, "elevator", "pe:tail_pe")
 
 
