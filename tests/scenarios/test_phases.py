@@ -7,7 +7,6 @@ from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, Reply
-from heronry_tools.aircraft.plant import Plant
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Tampering
 from heronry_wire.identifiers import Command, emcy_id, management_id
@@ -192,8 +191,7 @@ def test_an_advisor_beside_a_manager_sends_nothing_and_plans_the_same() -> None:
 
 @pytest.mark.soak
 def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:
-    simulation = Simulation(big_blue())
-    simulation.world = Plant(-85_000 * MS)  # high up, on its line, with its wings out
+    simulation = Simulation(big_blue(), aloft_ns=85_000 * MS)  # high up, on its line, with its wings out
     simulation.run_until(18_000 * MS)
     assert [phase for phase, _ in entered(simulation)] == ["deployment", "glide"]
     assert simulation.settle() == []

@@ -67,7 +67,7 @@ def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: 
 
 def test_the_status_is_for_people_or_for_programs(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status"]) == 0
-    assert capsys.readouterr().out.startswith("two_tails: manager 126 is reigning")
+    assert capsys.readouterr().out.startswith("two_tails: manager 126 is active")
     assert main(["status", "--json", "--socket", str(default_socket("two_tails"))]) == 0
     assert json.loads(capsys.readouterr().out)["epoch"] == 1
 

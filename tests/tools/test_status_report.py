@@ -33,7 +33,7 @@ def manager() -> OneManager:
 
 def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
     assert told(manager) == [
-        "two_tails: manager 126 is reigning, term 1; no key: any node on the bus can command the system",
+        "two_tails: manager 126 is active, term 1; no key: any node on the bus can command the system",
         "no phases; epoch 1 is done",
         "PEs",
         "  left         up         ACTIVE in epoch 1",

@@ -130,7 +130,7 @@ def test_a_copy_that_lags_behind_its_first_is_dropped_and_what_is_newer_follows(
     assert twin.links[1].queue.expired == 1
 
 
-def test_what_waits_is_taken_back_on_both(twin: ReplicatedLink) -> None:
+def test_a_waiting_frame_is_withdrawn_on_both_channels(twin: ReplicatedLink) -> None:
     twin.send(DATUM, 0)
     twin.send(LEASE, 0)
     assert not twin.nothing_waits

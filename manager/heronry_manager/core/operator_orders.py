@@ -15,7 +15,7 @@ To a manager that only advises, all but the last is a supposition: it tells what
 What follows from an order is given back (`Outcome`), and is done in this order: what follows from the changed
 situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has been carried
 out: the plan and the epoch follow, and the status shows them. An order that is given twice changes nothing the second
-time. The part that delivers orders decides from whom it takes them.
+time. The part that delivers orders decides which callers may give them.
 """
 
 from dataclasses import dataclass

@@ -21,7 +21,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Bad:
-    """A cell with bad news, shown in red."""
+    """A cell whose value is a problem, shown in red."""
 
     text: str
 

@@ -7,6 +7,7 @@ from heronry_manager.core.latched_faults import OPERATOR_CODE
 from heronry_manager.core.mastership import Mastership
 
 _NS_PER_S = 1_000_000_000
+_WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an older word
 
 
 def report(status: Mapping[str, Any]) -> Iterator[str]:
@@ -23,7 +24,7 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
 
 def _head(status: Mapping[str, Any]) -> Iterator[str]:
     manager, phase = status["manager"], status["phase"]
-    does = "only advises" if manager["advises"] else f"is {manager['state']}"
+    does = "only advises" if manager["advises"] else f"is {_WORDS.get(manager['state'], manager['state'])}"
     proof = "no key: any node on the bus can command the system" if manager["key"] is None else f"key {manager['key']}"
     yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
     unknown = status["unknown_epoch"]

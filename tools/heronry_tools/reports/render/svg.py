@@ -17,13 +17,13 @@ text { font-family: "DejaVu Sans", Verdana, sans-serif; text-anchor: middle; fil
 .name, .inside { font-size: 11px; } .small { font-size: 9px; }
 .note, .label { font-size: 9px; fill: #57606a; }
 .label { stroke: #fff; stroke-width: 3px; paint-order: stroke; text-anchor: end; }
-.body, .cell, .line, .edge, .strike { fill: none; stroke: #1b1f24; stroke-width: 1.2; }
+.body, .cell, .line, .edge, .crossed { fill: none; stroke: #1b1f24; stroke-width: 1.2; }
 .body { fill: #fff; } .variable .body { fill: #eef4fb; } .sensor .body, .actuator .body { fill: #f3efe4; }
 .chosen > .body, .chosen > .line { stroke-width: 3; } .cell.chosen { fill: #bfe3c6; stroke-width: 2; }
 .edge { stroke: #57606a; } .edge.chosen { stroke: #1b1f24; stroke-width: 3; }
 .edge.dead { stroke: #b4b9bf; stroke-dasharray: 4 3; }
 .dead > .body, .dead > .line, .cell.dead { stroke: #a0a6ad; } .dead > text, text.dead { fill: #a0a6ad; }
-text.dead { text-decoration: line-through; } .strike { stroke: #c0392b; stroke-width: 2; }
+text.dead { text-decoration: line-through; } .crossed { stroke: #c0392b; stroke-width: 2; }
 .again > .body { stroke-dasharray: 3 2; } .fold { stroke: #d0d7de; }
 """
 _ARROW = (

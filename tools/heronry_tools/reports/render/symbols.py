@@ -22,7 +22,7 @@ def symbol(node: Node, box: Box) -> Iterator[str]:
     yield from _module(node, box) if node.kind == "module" else _small(node, box)
     if node.dead:
         x, width, height = _body_x(box), box.shape.body_width, box.shape.body_height
-        yield f'<path class="strike" d="M{x - 4},{box.y + height + 4}L{x + width + 4},{box.y - 4}"/>'
+        yield f'<path class="crossed" d="M{x - 4},{box.y + height + 4}L{x + width + 4},{box.y - 4}"/>'
     yield "</g>"
 
 

@@ -63,6 +63,7 @@ class Simulation:
         contingencies: int | None = None,
         key: Key | None = None,
         absent: Collection[str] = (),
+        aloft_ns: int = 0,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
@@ -73,12 +74,13 @@ class Simulation:
         key: with which managers and PEs authenticate what they send.
         standby: there are two managers, 126 and 127; each stands by while the other one is active.
         absent: PEs that are not there at first.
+        aloft_ns: how long the scripted flight of the plant has lasted at the start.
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
         chance = Random(seed)
         self.clock = Clock()
-        self.world = Plant(0)
+        self.world = Plant(-aloft_ns)
         disks = {node: Disk(spec) for node in MANAGER_NODES}
         self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks))
         if standby:
