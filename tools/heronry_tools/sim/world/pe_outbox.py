@@ -1,7 +1,7 @@
 """What a simulated PE hands to its controllers, and what is under way there.
 
-A core says how old a frame may become before it is sent; that age is measured by the PE's own clock. For a radio's port the
-core learns how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
+A core says how old a frame may become before it is sent; that age is measured by the PE's own clock. For a radio's
+port the core learns how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
 """
 
 from collections import Counter
