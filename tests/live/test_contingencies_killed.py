@@ -62,7 +62,7 @@ def test_a_crew_that_is_killed_is_one_sentence() -> None:
         next(got)
         for process in list(executor._processes.values()):
             process.kill()
-        with pytest.raises(UserError, match="give the same command again"):
+        with pytest.raises(UserError, match="repeat the command"):
             list(answers(spec, executor, questions))
 
 

@@ -281,7 +281,7 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
 
 def test_a_flying_process_that_dies_is_reported_in_one_sentence() -> None:
     flown = fly_all(shipped_spec_path("elevator_and_chute"), [signal.SIGKILL] * 3, 2, die)
-    with pytest.raises(UserError, match="give the same command again"):
+    with pytest.raises(UserError, match="repeat the command"):
         list(flown)
 
 
