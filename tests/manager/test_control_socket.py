@@ -127,7 +127,7 @@ def test_a_folder_that_others_can_write_and_one_that_cannot_be_made_are_refused(
     shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
-    with pytest.raises(ControlError, match="can be written by others"):
+    with pytest.raises(ControlError, match="other users can write to it"):
         ControlSocket(shared / "a.sock")
     (tmp_path / "file").touch()
     with pytest.raises(ControlError, match="name a socket with --socket"):

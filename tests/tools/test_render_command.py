@@ -111,7 +111,7 @@ def test_the_picture_in_the_documentation_is_current(capsys: pytest.CaptureFixtu
     assert Path("docs/elevator_and_chute.svg").read_text() == rendered(capsys, "elevator_and_chute"), remedy
 
 
-def test_what_cannot_run_is_injected(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_run_is_crossed_out(capsys: pytest.CaptureFixture[str]) -> None:
     text = rendered(capsys, "elevator_and_chute", "--down", "device:gps")
     assert with_mark(text, "dead") == {
         "device:gps",
@@ -120,8 +120,8 @@ def test_what_cannot_run_is_injected(capsys: pytest.CaptureFixture[str]) -> None
         "gate:high_quality_altitude/fused/",
         "module:high_quality_altitude",
     }
-    injected = {key for key, group in symbols(text).items() if group.find(f"{SVG}path[@class='strike']") is not None}
-    assert injected == with_mark(text, "dead")
+    crossed = {key for key, group in symbols(text).items() if group.find(f"{SVG}path[@class='crossed']") is not None}
+    assert crossed == with_mark(text, "dead")
 
 
 def test_one_mode_may_be_dead_where_its_module_lives(micro: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -150,7 +150,7 @@ def test_what_a_plan_chose_is_bold(micro: str, capsys: pytest.CaptureFixture[str
     assert "gate:think/dull/" not in with_mark(text, "chosen")
 
 
-def test_what_is_down_in_a_plan_is_injected_unless_the_command_line_says_otherwise(
+def test_what_is_down_in_a_plan_is_crossed_out_unless_the_command_line_says_otherwise(
     micro: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert main(["plan", micro, "--json", "--down", "device:arm"]) == 0
