@@ -91,7 +91,7 @@ BYTE_2_IS_AN_INDEX = FAMILY.warning(
 TOO_MANY_SOURCES = FAMILY.error(
     "DG505",
     "too-many-identifiers",
-    what="More (module, variable) pairs need an allocated identifier than there are.",
+    what="More (module, variable) pairs need an allocated identifier than there are such identifiers.",
     why="Each pair has its own, so that receivers can tell redundant producers apart; 221 lie between CANaerospace's "
     "data and CANopen's.",
     fix="Give variables a standard identifier, put several values into one (SHORT2, UCHAR4), or merge modules.",

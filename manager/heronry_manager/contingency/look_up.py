@@ -42,7 +42,7 @@ class ContingencyTable:
                 plan.report.work_out()
 
     def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
-        """Find what was made ahead for this; None where nothing was."""
+        """Find what was made ahead for these faults in this phase, from what runs now; None where nothing was."""
         found = self._made.get((phase, self._named_once(down)))
         if found is None or (running is None and down):
             return None

@@ -61,7 +61,7 @@ class Beat:
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Send an ALIVE immediately if it must leave out a PE, which until then drives what it was given."""
+        """Send an ALIVE immediately if the last one named a PE that is lost: the PE's T_lease begins with this one."""
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 

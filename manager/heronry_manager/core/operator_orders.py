@@ -92,7 +92,7 @@ class OperatorOrders:
     def _clear(self, element: str) -> Outcome:
         changes = self._known.situation.clear(element, OPERATOR)
         if changes is None:
-            sentence = f"nothing is latched on {element}, and it is in no quarantine: 'heronry status' lists what is"
+            sentence = f"nothing is latched on {element}, and it is in no quarantine: see 'heronry status'"
             return Outcome(False, sentence)
         place = self._known.situation.failed.place(element)
         told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)

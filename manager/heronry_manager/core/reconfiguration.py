@@ -121,7 +121,7 @@ class _Progress:
     step: Step = Step.PREPARED  # the last one that its state frames have shown
     wants_body: bool = False
     needs_slice: bool = True  # PREPARE alone is not enough
-    since_ns: int = 0  # when the manager first asked for what the PE now owes
+    since_ns: int = 0  # when the manager first asked for the answer that it now waits for
     asked_ns: int = 0
     asked_times: int = 0
 
@@ -130,11 +130,11 @@ class _Progress:
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """Note that the PE has answered: from now on it owes the next thing."""
+        """Note that the PE has answered: from now on the manager waits for its next answer."""
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Tell whether the PE has owed the same thing for too long."""
+        """Tell whether the manager has waited for the same answer of this PE for as long as its patience lasts."""
         return now_ns >= self.since_ns + PATIENCE_PERIODS * self.participant.period_ns
 
 

@@ -151,7 +151,7 @@ def _locked(file: Path) -> IO[str]:
         lock.close()
         where = file.with_suffix("")
         raise ControlError(
-            f"a manager (process {owner}) listens on {where} already: stop it, or give this one another with --socket"
+            f"a manager (process {owner}) listens on {where} already: stop it, or give this one another path: --socket"
         ) from None
     lock.truncate(0)
     lock.write(f"{os.getpid()}\n")

@@ -90,7 +90,7 @@ class Reconfiguration:
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def rest(self) -> Moves:
-        """Give what stops the expendable modules that run."""
+        """Give the moves that stop the expendable modules that run."""
         stop = tuple(sorted(self.expendable_live()))
         for module in stop:
             del self.live[module]
@@ -98,7 +98,7 @@ class Reconfiguration:
         return Moves(stop)
 
     def resume(self) -> Moves:
-        """Give what starts the resting modules again."""
+        """Give the moves that start the resting modules again: those that `rest` has stopped."""
         start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
         self.live.update(start)
         self.resting = frozenset()

@@ -224,7 +224,7 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Restart the time-out; `wake_ns`: when `tick` has something to do before that."""
+        """Restart the time-out. `wake_ns`: when `tick` is due, if it has something to do before the time-out ends."""
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 

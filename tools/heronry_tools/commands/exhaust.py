@@ -52,9 +52,13 @@ def add_parsers(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
-    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly only N of the single faults, drawn")
+    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly only N single faults, drawn at random")
     parser.add_argument(
-        "--pairs", type=whole_number, default=0, metavar="N", help="also fly N pairs of faults, drawn (default: 0)"
+        "--pairs",
+        type=whole_number,
+        default=0,
+        metavar="N",
+        help="also fly N pairs of faults, drawn at random (default: 0)",
     )
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="seed that draws them (default: 0)")
     parser.add_argument("--standby", action="store_true", help="with two managers")

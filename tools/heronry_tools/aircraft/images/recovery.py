@@ -1,15 +1,17 @@
 """What ends a flight: the logic of the parachute, and that of the balloon's line.
 
-The parachute, as the paper has it (section 3.1): either input is enough to keep it shut. A release command opens it.
-Without the command link, but with an altitude, it opens when an aircraft that has been high comes down through the
-opening altitude: later no command could open it. And *by default* it opens when neither has been heard for some time:
-longer than a reconfiguration takes, and longer than the inputs need after a start.
+The parachute has two inputs, the release command and the altitude. As the paper has it (section 3.1), either of them
+is enough to keep it shut. A release command opens it. Without the command link, but with an altitude, it opens when an
+aircraft that has been high comes down through the opening altitude, since it would be too late for a command further
+down. And *by default* it opens when neither input has been heard for some time: longer than a reconfiguration takes,
+and longer than the inputs need after a start.
 
-The balloon's line is cut on command, or at the altitude where it is meant to be cut if the wings are known to be ready
-or nothing is known of them, or at the highest altitude whatever the wings are: there the balloon bursts by itself.
+The balloon's line is cut in one of three cases: on command; at the planned altitude, if the wings are known to be ready
+or nothing is known of them; or, whatever the wings are, at the highest altitude, where the balloon bursts by itself.
 
-Neither withdraws its output: once given, it stays. A restart gives it again if the reasons still hold; one just below
-the opening altitude does not know that it has been high, and then waits for a command or the default.
+Neither module withdraws its output: once given, it stays. A module that is started again gives it again if the reasons
+still hold. A parachute module that is started again below the opening altitude does not know that the aircraft has been
+high, and waits for a command or for the default.
 """
 
 from collections.abc import Mapping

@@ -56,7 +56,7 @@ def _status(inputs: Inputs) -> tuple[int, ...]:
 
 
 class LineWriter(Module):
-    """Writes the numbers that are there to its device, as one line of text."""
+    """Writes those of its inputs that have a value to its device, as one line of text."""
 
     columns: ClassVar[tuple[str, ...]]
 

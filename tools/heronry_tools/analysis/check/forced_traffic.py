@@ -1,9 +1,11 @@
-"""What must cross the buses whenever some functions are served, whatever a planner decides: a bound from below.
+"""A lower bound of what must cross the buses whenever some functions are served, whatever a planner decides.
 
-A function needs one of its outputs. Whatever runs needs, in whichever mode, the variables that its gates cannot do
-without; each of them comes from one of its givers, which has needs in turn. Where no giver can share a PE with the
-reader, the variable is published on the buses that every way between the two has in common, at no less than the
-slowest rate of those givers. Sums of such bounds are bounds, because each variable is counted once.
+A function needs one of its output modules. A module that runs needs those variables without which its gates hold in
+none of its modes. Each of these variables comes from one of the modules that give it, and these have needs in turn.
+
+Where no module that gives a variable can share a PE with a module that reads it, the variable must be published. It
+then crosses every bus that all routes between them have in common, at the slowest rate of the modules that give it or
+at a higher one. The bounds of a bus may be added, because each variable is counted once.
 """
 
 from collections.abc import Iterator, Mapping

@@ -127,7 +127,7 @@ def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, 
 
 
 def _inversions(pairs: list[tuple[float, float]]) -> int:
-    """Count the pairs of which one begins above another and ends below it."""
+    """Count the crossings of lines (begin, end): how often one begins above another and ends below it."""
     count, ends = 0, list[float]()
     for _, end in sorted(pairs):
         place = bisect_right(ends, end)

@@ -71,7 +71,7 @@ class Port:
         return record, descriptors
 
     def answer(self, record: bytes) -> None:
-        """Send a record on the command socket; a client that lets its answers pile up is gone."""
+        """Send a record on the command socket; a client that does not read its answers counts as gone."""
         try:
             self.command.send(record)
         except OSError:

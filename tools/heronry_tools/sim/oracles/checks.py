@@ -134,7 +134,7 @@ class Checks:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)
 
     def wrong(self, t_ns: int, story: str) -> None:
-        """A diagnostic client has found something in a PE that is not by the book."""
+        """A diagnostic client has found that a PE does not behave as a CANopen node must."""
         self._inspections.append(Violation(t_ns, "inspection", story))
 
     # What is known

@@ -1,19 +1,25 @@
 """The mission phase, verified from orders and frames: it is what was requested last, and no other is sent.
 
-Requested is what the operator has ordered and the manager accepted, and what a PE has requested (EMCY, PHASE_REQUEST)
-once the active manager has acknowledged it, or sends that phase. A request carries a number: acknowledged twice it
-counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
-back. The phase that is *told* is the one that HOLDS names; for a moment that may be what was just left, and then a
-request that a manager could accept once more counts only when it is answered with that. Such an answer may be from
-before the operator's order, on its way: then the order counts as soon as it is told.
+A phase counts as requested when the manager has accepted the operator's order for it, or when a PE has requested it
+(EMCY, PHASE_REQUEST) and the active manager has acknowledged the request or sends that phase. A request carries a
+number. A request that is acknowledged twice counts once. One that is acknowledged after a later one of the same PE does
+not count; a PE that starts anew counts its requests anew. A request that is *forward only* never leads to an earlier
+phase.
 
-A new mastership knows what its manager remembers, or has heard while it stood by, and may have heard a request that the
-previous manager did not live to acknowledge. What it tells first is true from then on: where one manager flies with a
-sound journal, the phase as it was, or one that is still requested; else also one that was left before, and a request
-that was acknowledged in an earlier term may count again, if that mastership tells so. A manager that has begun a higher
-term, and was not heard for a while, need not know what a deposed manager has promised meanwhile: no PE has accepted it.
-Nor does a manager that goes on in a lower term, because it hears no node, know in which phase a higher one was that has
-fallen silent; what it tells counts for nothing.
+The phase that is *told* is the one that HOLDS names. For a moment that may be the phase that was just left. If a PE
+requests that phase, HOLDS alone does not make the request count then: the manager must acknowledge it too. Such an
+acknowledgement may have been sent before an operator's order and be heard after it: then the ordered phase counts again
+as soon as it is told.
+
+A new mastership knows what its manager remembers or has heard as a standby manager, and may have heard a request that
+the previous manager did not acknowledge before it failed. The phase that it tells first is the true one from then on.
+Where one manager flies and its journal is intact, that must be the phase as it was, or one that is still requested.
+Otherwise it may also be a phase that was left before, and a request that was acknowledged in an earlier term may count
+again, if that mastership tells its phase.
+
+A manager that has begun a higher term, and was not heard for a while, need not know what a deposed manager has
+acknowledged meanwhile: no PE has accepted that. A manager that goes on in a lower term, because it hears no node, need
+not know the phase of a higher term whose manager has fallen silent; what it tells has no effect.
 """
 
 from collections.abc import Callable

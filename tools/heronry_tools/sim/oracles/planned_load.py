@@ -32,7 +32,7 @@ class PlannedLoadCheck(Oracle):
         self._counts: Counter[tuple[str, int, str]] = Counter()  # bus, identifier, sender
 
     def begin(self, t_ns: int) -> None:
-        """Count from now on."""
+        """Count data frames from now on, and none that were sent before."""
         self._since_ns = t_ns
         self._counts.clear()
 
@@ -42,7 +42,7 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Give what was sent since, and was not planned; `truth` is what is really down."""
+        """Give what was sent since `begin`, and was not planned; `truth` is what is really down."""
         if self._since_ns is None or current is None or current.configuration is None:
             return []
         modules = self._spec.modules

@@ -37,7 +37,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.planned_load,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
 )
-"""None: this run has nothing for that oracle."""
+"""None: the oracle has nothing to verify in this run."""
 
 
 def oracles(known: Known) -> list[Oracle]:

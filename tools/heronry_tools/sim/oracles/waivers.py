@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from heronry_tools.sim.oracles.violation import Violation
 
 REPORTS = "reports"
-"""Rule of a waiver under which a module's report need not be of a real fault."""
+"""The rule, for waivers, that a module reports real faults only."""
 
 
 @dataclass(slots=True)
