@@ -11,4 +11,4 @@ def test_what_is_injected_is_restarted_given_up_or_planned_around(capsys: pytest
     assert main(["--kills", "3", "--rest", "0.1", "--heartbeat-ms", "200"]) == 0
     words = capsys.readouterr().out
     assert "FAILURE" not in words
-    assert "PEs lost that nobody killed" in words
+    assert "PEs lost without an injected fault" in words

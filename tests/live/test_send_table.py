@@ -62,7 +62,7 @@ def test_a_pe_waits_gets_its_table_and_starts(hub: HubProcess, capsys: pytest.Ca
     pe.hear(state_id(NODE))
     assert send(hub, SPEC) == 0  # it has it
     assert send(hub, "big_blue", pe_of("big_blue")) == 2
-    assert "it must wait for its table" in capsys.readouterr().err
+    assert "the PE must wait for its table" in capsys.readouterr().err
     pe.process.send_signal(signal.SIGTERM)
     code, said = pe.end()
     assert code == 0

@@ -212,7 +212,7 @@ def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> Non
     said, failed = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (2, "")
     assert said == (
-        "heronry: ortools is not installed, so the greedy planner flies alone; "
+        "heronry: ortools is not installed, so only the greedy planner is used; "
         'add it with: pip install "heronry[manager]"'
     )
     assert "/no/such.sock" in failed
