@@ -64,7 +64,10 @@ RETIRED = {  # by the pattern of a word; the space in a phrase may be the end of
     r"bef(?:all\w*|ell)": "link status events; happen to",
     r"who(?:m|so)?ever|whom": "the name of the thing",
 }
-KEPT = ("Manager that is obeyed", "Frames not understood or not obeyed")  # names of CANopen objects, an interface too
+KEPT = (  # names of CANopen objects, an interface too; and the first line of a spec, which the tutorial quotes
+    *("Manager that is obeyed", "Frames not understood or not obeyed"),
+    "what its own effect is judged to be",
+)
 _RETIRED = re.compile(
     r"\b(?:%s)(?![\w-])" % "|".join(f"({word})" for word in RETIRED).replace(" ", r"[\s#]+"),  # noqa: UP031
     re.IGNORECASE,
