@@ -21,7 +21,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.reports.screen import screen
 from heronry_tools.reports.story import _SENTENCES, Line, Story
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
-from heronry_tools.runtime.demo.script import Fault, default_actions, read_script
+from heronry_tools.runtime.demo.script import DemoAction, default_actions, read_script
 from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import KEY
@@ -272,10 +272,10 @@ def test_every_sentence_names_fields_that_its_event_has() -> None:
 def test_acts_are_played_in_order_of_time() -> None:
     faults = read_script(BIG_BLUE, ["pe:nav@3", "pe:tail_a@3.01"], ["pe:nav@4.5", "pe:tail_a@3.5"])
     assert faults == [
-        Fault(3, "kill", "nav"),
-        Fault(3.01, "kill", "tail_a"),
-        Fault(3.5, "restore", "tail_a"),
-        Fault(4.5, "restore", "nav"),
+        DemoAction(3, "kill", "nav"),
+        DemoAction(3.01, "kill", "tail_a"),
+        DemoAction(3.5, "restore", "tail_a"),
+        DemoAction(4.5, "restore", "nav"),
     ]
 
 

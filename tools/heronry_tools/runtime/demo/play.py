@@ -16,7 +16,7 @@ from heronry_tools.runtime.demo import DEFAULT_SECONDS
 from heronry_tools.runtime.demo.buses import BusChoice, choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.runtime.demo.run import Show
-from heronry_tools.runtime.demo.script import Fault, PhaseAction, read_phases, read_script
+from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
 from heronry_wire.link import Link
@@ -27,13 +27,13 @@ _AFTER_LAST_ACTION_S = 5.0
 def play(arguments: argparse.Namespace) -> int:
     """Run one demo; gives its exit code."""
     spec = load_spec(arguments.spec)
-    faults: list[Fault | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
-    faults = sorted([*faults, *read_phases(spec, arguments.phase)], key=lambda fault: fault.at_s)
-    last_s = faults[-1].at_s + _AFTER_LAST_ACTION_S if faults else DEFAULT_SECONDS
+    actions: list[DemoAction | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
+    actions = sorted([*actions, *read_phases(spec, arguments.phase)], key=lambda action: action.at_s)
+    last_s = actions[-1].at_s + _AFTER_LAST_ACTION_S if actions else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
-    if faults and faults[-1].at_s > seconds:
+    if actions and actions[-1].at_s > seconds:
         raise UserError(
-            f"--for {seconds:g}: the demo would end before the action at {faults[-1].at_s:g} s; give it longer"
+            f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; give it longer"
         )
     if arguments.key is not None:
         read_key(arguments.key)
@@ -47,7 +47,7 @@ def play(arguments: argparse.Namespace) -> int:
         file = spec_path(arguments.spec)
         fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
         fleet.start_buses(choices)
-        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(faults, seconds, record)
+        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(actions, seconds, record)
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:

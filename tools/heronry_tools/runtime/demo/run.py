@@ -22,7 +22,7 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
-from heronry_tools.runtime.demo.script import MANAGER, Fault, PhaseAction, default_actions
+from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
@@ -40,7 +40,7 @@ class Show:
 
     def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
         self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
-        self._faults: list[Fault | PhaseAction] = []
+        self._actions: list[DemoAction | PhaseAction] = []
         self._seconds = 0.0
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
@@ -52,9 +52,9 @@ class Show:
         self._managers: dict[int, EventStream] = {}  # by node
         self._mute = False
 
-    def run(self, faults: Sequence[Fault | PhaseAction], seconds: float, record: IO[str] | None) -> int:
+    def run(self, actions: Sequence[DemoAction | PhaseAction], seconds: float, record: IO[str] | None) -> int:
         """Run these actions, for `seconds`; returns 0 if at the end all that the plan serves is heard on the bus."""
-        self._faults, self._seconds = list(faults), seconds
+        self._actions, self._seconds = list(actions), seconds
         with ExitStack() as stack:
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
             for choice in self._choices.values():
@@ -65,7 +65,7 @@ class Show:
                     channel=choice.channel,
                     models=choice.describe(),
                 )
-            has_standby = any(isinstance(fault, Fault) and fault.pe == MANAGER for fault in faults)
+            has_standby = any(isinstance(action, DemoAction) and action.pe == MANAGER for action in actions)
             self._events = EventStream(self._fleet.start_manager(standby=has_standby))
             self._managers[FIRST_MANAGER] = self._events
             if has_standby:
@@ -84,7 +84,7 @@ class Show:
                 self._follow(one)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
-            self._fault()
+            self._act()
             self._look()
             words = self._fleet.ended()
             if words is not None:
@@ -106,9 +106,9 @@ class Show:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
 
     def _wait_s(self) -> float:
-        if self._start_ns is None or not self._faults:
+        if self._start_ns is None or not self._actions:
             return _LOOK_S
-        return max(0.0, min(_LOOK_S, self._faults[0].at_s - self._show_s()))
+        return max(0.0, min(_LOOK_S, self._actions[0].at_s - self._show_s()))
 
     def _follow(self, one: dict[str, Any]) -> None:
         self._mute = self._mute and one["event"] != "taken_over"  # a standby manager repeats events of the active one
@@ -130,7 +130,7 @@ class Show:
                     self._pending = None
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
-                    self._faults = self._faults or [*default_actions(self._plan)]
+                    self._actions = self._actions or [*default_actions(self._plan)]
             case _:
                 pass
 
@@ -141,17 +141,17 @@ class Show:
             if record is not None:
                 record.write(format_log_line(LoggedFrame(int(seconds * 1e6) * 1000, name, frame)) + "\n")
 
-    def _fault(self) -> None:
-        while self._start_ns is not None and self._faults and self._faults[0].at_s <= self._show_s():
-            fault = self._faults.pop(0)
-            if isinstance(fault, PhaseAction):
-                self._fleet.order(EnterPhase(fault.phase), f"--phase {fault.phase}")
-            elif fault.pe == MANAGER:
+    def _act(self) -> None:
+        while self._start_ns is not None and self._actions and self._actions[0].at_s <= self._show_s():
+            action = self._actions.pop(0)
+            if isinstance(action, PhaseAction):
+                self._fleet.order(EnterPhase(action.phase), f"--phase {action.phase}")
+            elif action.pe == MANAGER:
                 self._kill_manager()
-            elif fault.what == "kill":
-                self._emit("process", pe=fault.pe, pid=self._fleet.kill_pe(fault.pe), what="killed")
+            elif action.what == "kill":
+                self._emit("process", pe=action.pe, pid=self._fleet.kill_pe(action.pe), what="killed")
             else:
-                self._emit("process", pe=fault.pe, pid=self._fleet.start_pe(fault.pe), what="restored")
+                self._emit("process", pe=action.pe, pid=self._fleet.start_pe(action.pe), what="restored")
 
     def _kill_manager(self) -> None:
         """Kill the active manager, and follow the other one from its take-over on."""

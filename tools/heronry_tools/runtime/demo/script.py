@@ -16,8 +16,8 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Fault:
-    """One injected fault: seconds after the start (the first configuration runs), what, and to which PE or MANAGER."""
+class DemoAction:
+    """One action: seconds after the start (the first configuration runs), what, and to which PE or MANAGER."""
 
     at_s: float
     what: Literal["kill", "restore"]
@@ -37,28 +37,28 @@ def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAction]:
     return sorted(_phase_action(spec, text) for text in texts)
 
 
-def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Fault]:
-    """Faults in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
-    faults = [_fault(spec, "kill", text) for text in kills] + [_fault(spec, "restore", text) for text in restores]
+def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoAction]:
+    """Actions in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
+    actions = [_action(spec, "kill", text) for text in kills] + [_action(spec, "restore", text) for text in restores]
     running = {*spec.pes, MANAGER}
-    for fault in sorted(faults):
-        if (fault.what == "kill") != (fault.pe in running):
-            state = "runs" if fault.pe in running else "does not run"
-            element = fault.pe if fault.pe == MANAGER else f"pe:{fault.pe}"
+    for action in sorted(actions):
+        if (action.what == "kill") != (action.pe in running):
+            state = "runs" if action.pe in running else "does not run"
+            element = action.pe if action.pe == MANAGER else f"pe:{action.pe}"
             raise UserError(
-                f"--{fault.what} {element}@{fault.at_s:g}: {fault.pe} {state} then; kill and restore in turn"
+                f"--{action.what} {element}@{action.at_s:g}: {action.pe} {state} then; kill and restore in turn"
             )
-        running ^= {fault.pe}
-    return sorted(faults)
+        running ^= {action.pe}
+    return sorted(actions)
 
 
-def default_actions(plan: Mapping[str, Any]) -> list[Fault]:
-    """Faults of a demo without options: the PE that runs most modules is killed, and comes back."""
+def default_actions(plan: Mapping[str, Any]) -> list[DemoAction]:
+    """Actions of a demo without options: the PE that runs most modules is killed, and comes back."""
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []
     busiest = max(runs, key=lambda pe: (runs[pe], pe))
-    return [Fault(4.0, "kill", busiest), Fault(9.0, "restore", busiest)]
+    return [DemoAction(4.0, "kill", busiest), DemoAction(9.0, "restore", busiest)]
 
 
 def _phase_action(spec: Spec, text: str) -> PhaseAction:
@@ -71,7 +71,7 @@ def _phase_action(spec: Spec, text: str) -> PhaseAction:
         raise UserError(f"--phase {text}: {error}") from None
 
 
-def _fault(spec: Spec, what: Literal["kill", "restore"], text: str) -> Fault:
+def _action(spec: Spec, what: Literal["kill", "restore"], text: str) -> DemoAction:
     match = _PATTERN.fullmatch(text)
     if match is None:
         example = f"for example pe:{next(iter(spec.pes))}@4 or manager@4"
@@ -79,9 +79,9 @@ def _fault(spec: Spec, what: Literal["kill", "restore"], text: str) -> Fault:
     if match["element"] == MANAGER and what == "restore":
         raise UserError(f"--restore {text}: the demo does not restart a manager; the standby manager stays active")
     if match["element"] == MANAGER:
-        return Fault(float(match["seconds"]), what, MANAGER)
+        return DemoAction(float(match["seconds"]), what, MANAGER)
     try:
         element = checked_element(spec, match["element"])
     except UnknownElementError as error:
         raise UserError(f"--{what} {text}: {error}") from None
-    return Fault(float(match["seconds"]), what, element.removeprefix("pe:"))
+    return DemoAction(float(match["seconds"]), what, element.removeprefix("pe:"))
