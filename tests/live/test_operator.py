@@ -76,7 +76,7 @@ def test_an_operator_at_work(spec: Path) -> None:
         demo.until("reconfigured")
         assert demo.status()["phase"] == "climb"
         assert "land from now on" in demo.say("phase", "land").stdout
-        demo.until("reconfigured", causes=["phase land, asked for by the operator"])
+        demo.until("reconfigured", causes=["phase land, requested by the operator"])
         assert "counts as failed" in demo.say("fail", "device:gps").stdout
         demo.until("reconfigured")
         status = demo.status()
