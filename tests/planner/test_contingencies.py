@@ -98,7 +98,7 @@ def forged(body: bytes, length: int | None = None) -> bytes:
         (b"x" * 200, "no contingency file"),
         (sealed(b"HERONRY\x02" + bytes(60)), "format 2"),
         (sealed(b"HERONRY\x01" + bytes(60)), "another spec, or another version of spec elevator_and_chute"),
-        (forged(b"", 1 << 30), "claims"),
+        (forged(b"", 1 << 30), "too many"),
         (forged(b""), "cannot be read"),
         (forged(pack([1, 1, 99])), "cannot be read"),
         (forged(pack([0, 0, 1, 0, 1, 2, 99, 99])), "cannot be read"),
