@@ -34,7 +34,7 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Upper bound on the number of plans that `fault_cases` makes."""
+    """Give an upper bound on the number of plans that `fault_cases` makes."""
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 

@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 
 
 class ConfigurationCode:
-    """Writes and reads the configurations of one spec."""
+    """Encodes and decodes the configurations of one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._pes = list(spec.pes)

@@ -91,7 +91,7 @@ class Journal:
             self._stream.flush()
         except OSError as error:
             why = f"{self.file} cannot be written: {error.strerror}"
-            raise JournalError(f"{why}; make room, and the same command goes on from there") from error
+            raise JournalError(f"{why}; make room, and give the same command again to continue") from error
 
     def _learn(self, content: object) -> bool:
         match content:

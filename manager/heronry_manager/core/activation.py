@@ -56,7 +56,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
-        """PEs that must be BROKEN before any PE goes on."""
+        """Give the PEs that must report BROKEN before any PE goes on."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}

@@ -107,7 +107,7 @@ class _Peer:
     told_ns: int | None = None
 
     def sessions(self) -> list[_Opened]:
-        """Sessions in which the PE may tag its next state."""
+        """Give the sessions in which the PE may tag its next state."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 

@@ -112,7 +112,7 @@ class Compiler:
         return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
-        """Longest period of a source, in nanoseconds, over the modes that give it."""
+        """Give the longest period of a source, in nanoseconds, over the modes that give it."""
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -162,7 +162,7 @@ class Compiler:
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _without_manager(self, configuration: Configuration) -> frozenset[str]:
-        """Modules that stop while their PE hears no manager, by the spec's policy."""
+        """Give the modules that stop while their PE hears no manager, by the spec's policy."""
         keeps = self._spec.manager.without_manager == "keep"
         return frozenset() if keeps else expendable(self._spec, configuration)
 
@@ -211,7 +211,7 @@ def _phase_entry(phase: Phase) -> PhaseEntry:
 
 
 def _flight_critical(spec: Spec) -> Iterator[str]:
-    """Modules that may serve a function of class A in some phase, and the devices that these modules use."""
+    """Give the modules that may serve a function of class A in some phase, and the devices that they use."""
     critical = [name for name, rank in criticality_ranks(spec).items() if CRITICALITIES[rank] == "A"]
     yield from (f"module:{name}" for name in critical)
     bolted = {spec.modules[name].device for name in critical}

@@ -160,7 +160,7 @@ class Deployment:
         return "it runs nothing although it was configured" if seen.configured else None
 
     def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
-        """Tokens of the epochs that are newer than this one."""
+        """Give the tokens of the epochs that are newer than this one."""
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:

@@ -135,7 +135,7 @@ class Epochs:
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Tokens of the epochs that are newer than this one."""
+        """Give the tokens of the epochs that are newer than this one."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:

@@ -71,7 +71,7 @@ def event(kind: str, now_ns: int, **data: Any) -> dict[str, Any]:
 
 
 def to_line(one: Mapping[str, Any]) -> str:
-    """Text form: one line of JSON without its line break."""
+    """Encode an event as one line of JSON, without its line break."""
     return json.dumps(one, separators=(",", ":"), sort_keys=False)
 
 

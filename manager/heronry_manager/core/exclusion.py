@@ -141,11 +141,11 @@ class Exclusion:
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; None: now."""
+        """Give when (ns) the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; or None."""
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last unavailable PE has certainly stopped sending for a module placed elsewhere; None: now."""
+        """Give when (ns) any unavailable PE has certainly stopped sending for a module placed elsewhere; or None."""
         return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
@@ -176,6 +176,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """`demux:NAME:BRANCH` and `demux:NAME:OTHER` are rivals for `demux:NAME`."""
+    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

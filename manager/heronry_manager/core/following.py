@@ -11,7 +11,7 @@
                 `LEARNS_LEASES` times T_lease this manager learns what the other one holds; then it takes over with a
                 term that all PEs accept
 
-If no manager was ever heard, this manager judges by the reports of the PEs after the start-up window: the aircraft may
+If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
 just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
 manager waits for three times T_lease: a first manager that is being started now still goes first.
 
@@ -138,7 +138,7 @@ class Following:
         return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
 
     def leased_epoch(self) -> int:
-        """Epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        """Give the epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
@@ -187,5 +187,5 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """When the PEs may become orphaned without a further frame, in nanoseconds."""
+        """Give the time (ns) at which the PEs may become orphaned without a further frame; None: they may be now."""
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

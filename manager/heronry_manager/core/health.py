@@ -137,11 +137,11 @@ class Health:
         return self._records[pe].standing
 
     def cause(self, pe: str) -> str | None:
-        """Why a PE is not available; None: it is, or may still be starting."""
+        """Give the reason why a PE is not available; None: it is, or may still be starting."""
         return self._records[pe].cause
 
     def incarnation(self, pe: str) -> int | None:
-        """Incarnation in a PE's last believed page 0; None before the first."""
+        """Give the incarnation in a PE's last believed page 0; None before the first."""
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
@@ -150,11 +150,11 @@ class Health:
         return record.said if record.said_since_ns <= since_ns else None
 
     def losses(self, pe: str) -> int:
-        """How often a PE was lost since its losses were last forgiven."""
+        """Give the number of a PE's losses since they were last forgiven."""
         return self._records[pe].losses
 
     def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
-        """How long a returning PE is still held down, in nanoseconds; None for any other."""
+        """Give how long a returning PE is still held down, in nanoseconds; None: the PE is not returning."""
         record = self._records[pe]
         if record.standing is not Standing.RETURNING:
             return None
@@ -193,7 +193,7 @@ class Health:
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
-        """Heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
+        """Give the heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
         return self._records[pe].period_ns
 
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
@@ -250,7 +250,7 @@ class Health:
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
-        """Wait for PEs that were available to the previous manager, and have to prove themselves to this one."""
+        """Wait for PEs that were available to the previous manager, and have proven no state to this one yet."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
@@ -273,7 +273,7 @@ class Health:
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs that still have to prove themselves to this manager, while the window is open."""
+        """Give the PEs of `await_again` that have proven no state to this manager yet, while the window is open."""
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
@@ -290,7 +290,7 @@ class Health:
         return kept_out
 
     def quarantine(self, pe: str, losses: int) -> None:
-        """Hold a PE down for as many losses as before a restart, once it is heard."""
+        """Restore the quarantine of a PE from before a restart: once it is heard, its hold-down counts `losses`."""
         record = self._records[pe]
         record.move(StandingEvent.QUARANTINED)
         record.losses, record.cause = losses, f"it was lost {losses} times"

@@ -55,7 +55,7 @@ class Knowledge:
         return self.following.digest_of(epoch) if known is None else known
 
     def unknown_epoch(self) -> int | None:
-        """Epoch that runs, where this manager does not know its configuration; else None."""
+        """Give the running epoch if this manager does not know its configuration; else None."""
         return self.deployment.unknown_epoch(self.following.leased_epoch())
 
     def validate(self) -> None:

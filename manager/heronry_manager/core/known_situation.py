@@ -98,7 +98,7 @@ class KnownSituation:
 
     @property
     def phase(self) -> str | None:
-        """Mission phase that plans are made for; None where the spec has none."""
+        """The mission phase for which plans are made; None: the spec has no phases."""
         return self._mission.current
 
     def now(self) -> Situation:
@@ -148,7 +148,7 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Elements that are down, as `kind:name`."""
+        """Give the elements that are down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 

@@ -51,7 +51,7 @@ class LatchedFaults:
         return frozenset(self._failed)
 
     def all(self) -> list[LatchedFault]:
-        """Every latched fault, the oldest first."""
+        """Give every latched fault, the oldest first."""
         return list(self._failed.values())
 
     def element(self, kind: ElementKind, index: int) -> str | None:

@@ -81,7 +81,7 @@ class OperatorOrders:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
             return Outcome(False, f"{why}: name what has failed on it")
         if element.startswith("channel:"):
-            why = f"{element} is one of several that carry the same, and a plan without it would be no other"
+            why = f"{element} is one of several channels with the same frames, so no plan would change"
             return Outcome(False, f"{why}: name the bus if all of them have failed")
         if element in situation.failed.elements:
             return Outcome(True, f"{element} counts as failed already")
@@ -92,12 +92,12 @@ class OperatorOrders:
     def _clear(self, element: str) -> Outcome:
         changes = self._known.situation.clear(element, OPERATOR)
         if changes is None:
-            sentence = f"nothing is latched on {element}, and it is in no quarantine: see 'heronry status'"
+            sentence = f"no fault is latched on {element}, and it is not in quarantine: see 'heronry status'"
             return Outcome(False, sentence)
         place = self._known.situation.failed.place(element)
         told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
-        return Outcome(True, f"{element} counts as well again; {self._what_follows(waits)}", changes, told)
+        return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _what_follows(self, where_it_commands: str) -> str:
         return _ONLY_ADVISES if self._turn.silent else where_it_commands

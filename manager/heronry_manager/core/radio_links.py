@@ -64,7 +64,7 @@ class LinkRecord:
         return behind >= _LATE
 
     def hold_down_ns(self) -> int:
-        """How long more bandwidth must last before plans use it, in nanoseconds."""
+        """Give how long an increase of bandwidth must last before plans use it, in nanoseconds."""
         return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
 
 

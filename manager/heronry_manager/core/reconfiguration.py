@@ -127,7 +127,7 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """When to ask again, in nanoseconds: a period after the first time, later and later after that."""
+        """Give the time of the next repetition, in nanoseconds: after one heartbeat period, then 2, 4 and at most 8."""
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:

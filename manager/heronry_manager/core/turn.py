@@ -23,7 +23,7 @@ class Encodable(Protocol):
     """A message of `heronry_wire.management`."""
 
     def encode(self) -> bytes:
-        """Payload of the frame."""
+        """Give the payload of the frame."""
 
 
 class Turn:

@@ -36,11 +36,11 @@ class Candidate:
     hosts: Mapping[str, tuple[str, ...]]  # possible mode -> PEs, both in the spec's order
 
     def modes(self) -> Iterator[Mode]:
-        """Possible modes, best first."""
+        """Give the possible modes, best first."""
         return (self.module.modes[name] for name in self.hosts)
 
     def pes(self) -> tuple[str, ...]:
-        """PEs that could carry some mode."""
+        """Give the PEs that could carry some mode."""
         return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
 
 
@@ -56,7 +56,7 @@ class Candidates:
     givers: Mapping[str, Sequence[tuple[str, str, int]]]  # variable -> (module, mode, version), in the spec's order
 
     def sources(self, consumer: str, mode: str, leaf: Leaf) -> tuple[Source, ...]:
-        """Producers that a leaf of a mode could be wired to, one entry per module and version, in the spec's order."""
+        """Give the producers for a leaf of a mode, one entry per module and version, in the spec's order."""
         found: dict[tuple[str, int], list[str]] = {}
         for module, giving, version in self.givers.get(leaf.variable, ()):
             feeds_itself = module == consumer  # possible only in the same mode, since it runs in one

@@ -32,7 +32,7 @@ Chosen = Mapping[tuple[str, str], bool]
 
 
 class Choosing(Choice):
-    """The choices in one situation."""
+    """The small model that chooses modules and their modes in one situation."""
 
     def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
         """`group`: the levels to maximise, no worse than `key` in those above them."""

@@ -33,7 +33,7 @@ from heronry_manager.planner.messages import (
 
 
 def main() -> None:
-    """Serve until standard input closes."""
+    """Answer requests until standard input closes."""
     answers = _own_standard_output()
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()

@@ -33,7 +33,7 @@ class PlannerLink(Protocol):
         """Return the answers that have arrived, without waiting."""
 
     def fileno(self) -> int:
-        """Descriptor that is readable when `poll` has something to do."""
+        """Give the descriptor that is readable when `poll` has something to do."""
 
 
 class PlannerProcesses:
@@ -47,7 +47,7 @@ class PlannerProcesses:
         self._pre_planner: PlannerLink | None = None
 
     def readers(self) -> list[PlannerLink]:
-        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:

@@ -12,7 +12,7 @@ from heronry_dg.situation import elements
 
 @dataclass(frozen=True, slots=True)
 class Numbering:
-    """Both directions: the number of each element, and the element of each number."""
+    """Maps each element to its number, and each number to its element."""
 
     spec: Spec
     modules: list[Module]

@@ -79,7 +79,7 @@ class _Appraiser:
         )
 
     def output_modes(self, function: Function) -> list[int]:
-        """Modes of the outputs of a function."""
+        """Give the modes of the outputs of a function."""
         numbers = self._numbers
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
