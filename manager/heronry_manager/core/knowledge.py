@@ -5,7 +5,7 @@ up in it at each call what is known now.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
-    situation       what has failed, what has shrunk, and the phase
+    situation       what has failed, what is limited, and the phase
     deployment      what runs, what is being prepared, and what each PE reports that it runs
     advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does

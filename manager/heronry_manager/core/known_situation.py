@@ -1,8 +1,8 @@
-"""The situation as the manager knows it: what is down, what has shrunk, and the phase.
+"""The situation as the manager knows it: what is down, what is limited, and the phase.
 
 Each change returns its consequences as values, in the order in which `reactions` carries them out:
 
-    HealthChange      a PE is no longer available: it was latched, or its radio is gone
+    HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
@@ -22,7 +22,7 @@ heard again for three turns, so a lost CLEAR costs some beats. A manager that ad
 same, except with a fault that the operator has given to the advising manager itself: that is a supposition, and it
 stays until another report on the element comes.
 
-All of it outlives a restart (`memory`), and so does a quarantine.
+The whole situation outlives a restart (`memory`), and so does a quarantine.
 """
 
 from collections import Counter
@@ -113,7 +113,7 @@ class KnownSituation:
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
 
     def link_reported(self, frame: Frame) -> Changes:
-        """Take a gateway's report on its radio; gives what follows."""
+        """Take a gateway's report on its radio; gives the consequences."""
         changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
         anybody = any(self._health.is_available(pe) for pe in beyond)
@@ -153,7 +153,7 @@ class KnownSituation:
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
-        """Take a PE's report of a fault; gives what follows, or None where it names nothing in the spec."""
+        """Take a PE's report of a fault; gives the consequences, or None where it names nothing in the spec."""
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
             return None
@@ -163,7 +163,7 @@ class KnownSituation:
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """Take a PE's request for a phase; gives what follows, or None where it is not to be acknowledged."""
+        """Take a PE's request for a phase; gives the consequences, or None where it is not to be acknowledged."""
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is None or not self._mission.knows(request.index):
             return None
@@ -218,7 +218,7 @@ class KnownSituation:
         return [element for element in sorted(elements) if self._untold[element] > longest]
 
     def latch(self, fault: LatchedFault) -> Changes:
-        """Latch a fault; gives what follows."""
+        """Latch a fault; gives the consequences."""
         is_news = fault.element not in self.failed.elements
         if self.failed.latch(fault):
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
@@ -234,7 +234,7 @@ class KnownSituation:
         return changes
 
     def clear(self, element: str, by: str) -> Changes | None:
-        """Clear an element; gives what follows, or None where nothing was latched on it and it was in no quarantine."""
+        """Clear an element; gives the consequences, or None: it was neither latched nor in quarantine."""
         fault = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
@@ -253,7 +253,7 @@ class KnownSituation:
         return changes
 
     def enter(self, phase: str, by: str) -> Changes:
-        """Enter another mission phase; gives what follows."""
+        """Enter another mission phase; gives the consequences."""
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)
