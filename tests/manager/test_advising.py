@@ -234,7 +234,7 @@ def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Be
     assert [(one.done, one.sentence) for one in replies] == [
         (True, "device:servo_left counts as failed until it is cleared" + only_advises),
         (True, "the phase is land from now on, it was climb" + only_advises),
-        (True, "device:servo_left counts as well again" + only_advises),
+        (True, "device:servo_left no longer counts as failed" + only_advises),
     ]
 
 

@@ -246,7 +246,7 @@ def test_a_journal_that_has_grown_long_is_shortened(tmp_path: Path) -> None:
 
 
 def test_two_managers_keep_two_journals_and_none_keeps_one_with_another(tmp_path: Path) -> None:
-    kept = pytest.raises(JournalError, match="kept by another manager")
+    kept = pytest.raises(JournalError, match="another manager writes")
     with Journal(tmp_path, 126, SPEC), Journal(tmp_path, 127, SPEC), kept:
         Journal(tmp_path, 126, SPEC)
     Journal(tmp_path, 126, SPEC).close()

@@ -69,7 +69,7 @@ def test_the_operator_changes_the_phase_and_what_is_not_wanted_stops() -> None:
     assert say(simulation, EnterPhase("land")).done
     assert simulation.settle() == []
     told = simulation.events_of("reconfigured")[-1]
-    assert told["causes"] == ["phase land, asked for by the operator"]
+    assert told["causes"] == ["phase land, requested by the operator"]
     assert told["stopped"] == ["angle_driver", "servo_monitor"]
 
 

@@ -92,7 +92,7 @@ def test_a_demux_of_a_silent_pe_waits_for_t_lease(capsys: pytest.CaptureFixture[
     assert near["steps"] == ["GO", "GO_ALL"]
     held = sum(int(str(near[part])) for part in ("decide_ns", "distribute_ns", "lease_wait_ns"))
     assert held == 100_000_000
-    assert faults["PE lost", "pe:far"]["note"] == "what runs is still the best"
+    assert faults["PE lost", "pe:far"]["note"] == "the running configuration is still the best"
     assert faults["PE lost", "pe:far"]["distribute_ns"] == 0
     assert ("device reported failed", "device:unused") not in faults
     assert "from the report on" in str(faults["device reported failed", "device:left"]["note"])

@@ -144,7 +144,7 @@ def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture
         (["elevator_and_chute", "-o", "FILE", "--kinds", "pes"], "'pes' is no kind of element; there is pe, device"),
         (["elevator_and_chute", "-o", "FILE", "--phase", "glide"], "no phase is named 'glide'"),
         (["elevator_and_chute", "-o", "missing/FILE"], "missing is not a folder; make it first"),
-        (["big_blue", "--check", "FILE"], "another file than this spec big_blue"),
+        (["big_blue", "--check", "FILE"], "another spec, or another version of spec big_blue"),
         (["elevator_and_chute", "--check", "missing"], "No such file"),
     ],
 )
@@ -167,7 +167,7 @@ def test_a_manager_refuses_a_file_of_another_spec(file: Path, capsys: pytest.Cap
         assert main([*command, "--contingencies", str(file)]) == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert "it was made for another file than this spec big_blue; make it anew" in said
+        assert "it was made for another spec, or another version of spec big_blue; make it anew" in said
 
 
 def test_how_far_it_is_and_how_long_it_will_take() -> None:

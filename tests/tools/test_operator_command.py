@@ -50,7 +50,7 @@ def test_an_order_prints_what_is_done(manager: OneManager, capsys: pytest.Captur
     printed = capsys.readouterr()
     assert printed.out.splitlines() == [
         "device:servo_left counts as failed until it is cleared; a plan without it is on its way",
-        "device:servo_left counts as well again; a plan with it is on its way",
+        "device:servo_left no longer counts as failed; a plan with it is on its way",
     ]
     assert printed.err == ""
 

@@ -1,1 +1,1 @@
-"""How long a reconfiguration takes at most, computed before a flight."""
+"""The longest time that a reconfiguration can take, computed before a flight."""

@@ -1,7 +1,7 @@
-"""The faults that a reconfiguration is bounded for: every single one of a spec, from what runs when all is well.
+"""The faults whose reconfiguration gets a bound: every single fault of a spec, in the fault-free configuration.
 
-Each case is planned as the manager would plan it: against what runs, by a planner that is given. An element that the
-running plan does not use changes nothing, so no plan is made for it.
+Each case is planned as the manager would plan it: by the given planner, with the running configuration to keep to. A
+device or module that the running plan does not use changes nothing, so no plan is made for it.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,12 +34,12 @@ def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
 
 
 def count_plans(spec: Spec) -> int:
-    """Upper bound on the number of plans that `fault_cases` makes."""
+    """Give an upper bound on the number of plans that `fault_cases` makes."""
     return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
 
 
 def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
-    """PEs and buses with the PEs that fall silent with them; a PE that cuts off others is a lost gateway, too."""
+    """Give the PEs and buses that may fail, with the PEs that fall silent then; a gateway counts as a bus, too."""
     reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
     for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
         for name in names:

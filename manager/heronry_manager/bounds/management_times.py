@@ -1,16 +1,17 @@
-"""How long commands and answers take on each bus, while all is quiet and while the system is being reconfigured.
+"""The longest times of commands and answers on each bus, in normal operation and during a reconfiguration.
 
-The regular frames are those of semantics rule 9, and more: also the states that gateways pass on toward the manager,
-and page 1 with every tenth of them. What comes on top (`Burst`) comes once: emergencies, PREPARE, SLICE, ACTIVATE,
-CONTROL, and what each PE answers; and a PING for each silent PE with every beat. Data and all else have less priority,
-and block with one frame of 8 bytes.
+The regular frames are those of semantics rule 9, the states that gateways forward to the manager, and page 1 with every
+tenth state. A reconfiguration adds frames (`Burst`), each once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the
+answers of each PE; and with every beat a PING for each silent PE. Data and all other frames have lower priority, and
+block with one frame of 8 bytes.
 
-SLICE frames leave the manager paced, one in the time of two (`reconfiguration`). A bus that cannot take them at that
-pace for ever still takes those that there are: they are counted as a stream and as a burst, and the smaller result is
-good. Behind a gateway they may come in a burst.
+The manager sends SLICE frames paced, one in the time of two (`reconfiguration`). A bus that cannot carry an endless
+stream at that pace may still carry the frames of one reconfiguration. So the analysis counts them once as a stream and
+once as a burst, and takes the smaller result; both are upper bounds. Behind a gateway they may come in a burst.
 
-What is forwarded has a jitter of one of its periods; that holds as long as every response is shorter than that, which
-the caller must check. Frames are taken to be neither lost nor destroyed, and nodes to compute in no time.
+A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
+period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that nodes compute in no
+time.
 """
 
 from collections.abc import Mapping
@@ -26,16 +27,16 @@ from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 PACED_BITS = 2 * WORST_BLOCKING_BITS  # from one SLICE to the next
 _NS_PER_S = 1_000_000_000
-_LEASE_NEWS = 2  # LEASE and ALIVE that a gateway passes on immediately, since they carry something new
+_LEASE_NEWS = 2  # LEASE and ALIVE that a gateway forwards immediately, since their content has changed
 
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """What comes on top of the regular frames, each once."""
+    """The frames that a reconfiguration adds to the regular ones, each sent once."""
 
     heads: int = 0  # SLICE frames on the manager's bus that are not paced
-    paced: int = 0  # ... and that are
-    slices_beyond: Mapping[str, int] = field(default_factory=dict)  # all of them, on each other bus
+    paced: int = 0  # SLICE frames on the manager's bus that are paced
+    slices_beyond: Mapping[str, int] = field(default_factory=dict)  # all SLICE frames, on each other bus
     broadcasts: int = 0  # PREPARE and ACTIVATE
     answers: int = 0  # of each PE
     reports: int = 0  # of modules: an emergency event, an EMCY, and the CONTROL that acknowledges it
@@ -72,7 +73,7 @@ class ManagementTimes:
                 self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
 
     def on(self, bus: str, burst: Burst) -> FrameTimes | None:
-        """Response times on a bus; None: they have no bound."""
+        """Give the longest response times on a bus; None: they have no bound."""
         entry = self._spec.buses[bus]
         ways = [
             self._frames(entry, burst, paced=paced) for paced in ([True, False] if self._is_first(bus) else [False])
@@ -84,7 +85,7 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """Everything above the data, most urgent first; how many of it are commands, or above these; how many EMCYs."""
+        """Give all frames above the data, most urgent first, then the number of commands (and above), then of EMCYs."""
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [
             pe
@@ -108,7 +109,7 @@ class ManagementTimes:
         return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
 
     def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
-        """Both pages of a PE, that comes from beyond a gateway or does not."""
+        """Give the states of a PE on a bus: page 0 and page 1, with the jitter of a gateway if one forwards them."""
         home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
         period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
         jitter = Fraction(0) if home is bus else period

@@ -1,20 +1,20 @@
-"""How long a reconfiguration takes at most, from the fault to the last ACTIVE: detect, decide, distribute, activate.
+"""The longest time of a reconfiguration, from the fault to the last ACTIVE: detect, decide, distribute, activate.
 
     detect      a silent PE is declared after `misses` periods and a quarter of the bus on which it reports, counted
-                from its last state, which may still have been on its way when it fell silent. A report of a module
-                comes with one EMCY. A PE that returns speaks within a period and is held down for ten more (twice as
-                many after each recent loss, which is not counted here)
-    decide      is given: the planner has no deadline. A table look-up has
+                from its last state, which may still have been on its way when the PE fell silent. A report of a module
+                comes with one EMCY. A PE that returns sends within a period and is held down for ten more (twice as
+                long after each recent loss; the bound assumes none)
+    decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
-    activate    for every step of the transition one command and its last answer. Before GO_ALL a DEMUX that a silent PE
-                may still drive waits until T_lease has passed since the ALIVE that left it out when it was declared
+    activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
+                PE may still drive waits until T_lease has passed since the ALIVE that left it out when it was declared
 
-Where several PEs fall silent together, each is declared at its own moment and begins the rest anew; what counts is the
-last one. Each of them may have brought an epoch under way, whose frames are counted as well.
+If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
+time. The bound counts from the last one, and includes the frames of the epochs that were begun for the others.
 
-Bounds hold for one fault at a time, reported by one module where one reports, without lost or destroyed frames, on
-nodes that compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first;
-then the radio is taken for a cable. None: there is no bound, and `note` says why.
+A bound holds for one fault at a time (a reported fault: by one module), without lost or destroyed frames, on nodes that
+compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first; then the bound
+treats the radio as a cable. A time of None has no bound, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,7 +35,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class FaultClass(Enum):
-    """What happens; the value is what a user reads."""
+    """Classes of faults; the value is the text that a user reads."""
 
     PE_LOST = "PE lost"
     DEVICE_REPORTED = "device reported failed"
@@ -47,7 +47,7 @@ class FaultClass(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One fault: what ran, and what is planned then."""
+    """One fault, with the configurations before and after it."""
 
     fault: FaultClass
     element: str
@@ -65,7 +65,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The summands of one case, in nanoseconds; `wait_ns` is what T_lease adds to the rest."""
+    """The parts of the longest time of one case, in nanoseconds; `wait_ns` is the time that T_lease adds."""
 
     case: Case
     detect_ns: int | None
@@ -75,13 +75,13 @@ class Bound:
     wait_ns: int = 0
     slice_frames: int = 0
     steps: tuple[Step, ...] = ()
-    heard_on: str = ""  # the bus on which it shows at last that PEs are silent, or speak again
+    heard_on: str = ""  # the bus on which the manager notices last that a PE is silent, or is back
     note: str = ""
     is_hopeless: bool = False  # no reconfiguration follows: no PE can be commanded, or the fault is not noticed
 
     @property
     def total_ns(self) -> int | None:
-        """The sum; None where one of them has no bound."""
+        """Sum of all parts, in nanoseconds; None: one of them has no bound."""
         if self.detect_ns is None or self.distribute_ns is None or self.activate_ns is None:
             return None
         return self.detect_ns + self.decide_ns + self.distribute_ns + self.activate_ns + self.wait_ns
@@ -91,7 +91,7 @@ _Times = Mapping[str, FrameTimes]  # of each bus
 
 
 class CrowdedError(Exception):
-    """Management alone can fill these buses: nothing bounds how long a frame of it takes."""
+    """Management frames alone can fill these buses, so their response times have no bound."""
 
 
 class Bounds:
@@ -106,7 +106,7 @@ class Bounds:
         self._wired = reached_by_wire(spec)
 
     def bound(self, case: Case, decide_ns: int) -> Bound:
-        """Work out one case, if deciding takes that long."""
+        """Work out the bound of one case, if deciding takes `decide_ns` nanoseconds."""
         reached = survivors(self._spec, case.now).pe_cpu_millis.keys() & self._paths.keys()
         if not reached:
             return Bound(
@@ -115,19 +115,19 @@ class Bounds:
         try:
             found = self._detected(case, decide_ns)
             if case.after == case.before and not case.returns:
-                unchanged = found.note or "what runs is still the best"
+                unchanged = found.note or "the running configuration is still the best"
                 return replace(found, distribute_ns=0, activate_ns=0, note=unchanged)
             return self._moved(found, sorted(reached))
         except CrowdedError as error:
             return Bound(case, None, decide_ns, note=str(error))
 
     def _detected(self, case: Case, decide_ns: int) -> Bound:
-        """Time until the manager knows of the fault, with the note on it."""
+        """Give a bound with the time until the manager knows of the fault, and a note on it."""
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
             told_ns, last = max((self._speaks_ns(pe) + self._up(pe, times), pe) for pe in case.returns)
-            found = replace(found, note="the first time in a minute")
+            found = replace(found, note="for the first return of a PE in a minute")
             return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.silent:
             told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
@@ -171,7 +171,7 @@ class Bounds:
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """Frames under way beside the slices; of several epochs, one may be running, one abandoned and one new."""
+        """Give the frames under way while slices go out; of several epochs one may run, one be given up, one be new."""
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
         counts = {pe: self._slice_frames(pe, case, before, after) for pe in reached}
@@ -190,7 +190,7 @@ class Bounds:
         )
 
     def _activating(self, burst: Burst) -> Burst:
-        """Frames under way while a step is taken: PEs that are not waited for may still be at the step before."""
+        """Give the frames under way during a step; PEs beyond a radio may still be at the step before."""
         first = self._spec.manager.bus
         beyond = burst.slices_beyond
         stragglers = sum(
@@ -199,7 +199,7 @@ class Bounds:
         return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
 
     def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
-        """SLICE frames for one PE: the head, and the body where it is not what runs there."""
+        """Give the number of SLICE frames for one PE: the head, and the body unless the PE runs that slice already."""
         node = self._spec.pes[pe].node_id
         length = len(after.slices[node])
         if case.several:
@@ -219,7 +219,7 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Time to wait for T_lease of the silent PEs that drove these DEMUXes."""
+        """Give the T_lease to wait for if silent PEs drove these DEMUXes, in nanoseconds; 0: none did."""
         branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
         drove = {running.pe for module, running in case.before.modules.items() if module in branches}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
@@ -228,12 +228,12 @@ class Bounds:
         return sum(times[bus].answer_ns for bus in self._paths[pe])
 
     def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
-        """Time from a command to the last answer of these PEs."""
+        """Give the longest time from a command to the last answer of these PEs, in nanoseconds."""
         paths = [self._paths[pe] for pe in pes]
         return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
 
     def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
-        """Return a note on the PE that answers so late that the command is repeated; None: there is none."""
+        """Return a note on a PE whose answer may be so late that the command is repeated; None: there is none."""
         for pe in pes:
             if self._round_trip([pe], times) >= self._period_ns(pe):
                 return f"{pe} may answer later than a heartbeat period, so that the command is repeated"

@@ -1,4 +1,4 @@
-"""A configuration as a row of bytes: indices into the spec, as small as they are.
+"""A configuration encoded as a row of bytes: indices into the spec, small ones in one byte.
 
     for each module of the spec   0: it does not run; else 1 + mode x (number of PEs) + PE
     for each leaf of its mode     0: it is not wired; else 1 + producer
@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 
 
 class ConfigurationCode:
-    """Writes and reads the configurations of one spec."""
+    """Encodes and decodes the configurations of one spec."""
 
     def __init__(self, spec: Spec) -> None:
         self._pes = list(spec.pes)
@@ -34,7 +34,7 @@ class ConfigurationCode:
         self._mode_index = {(n, mode.name): i for n, modes in self._modes.items() for i, mode in enumerate(modes)}
 
     def encode(self, configuration: Configuration) -> bytes:
-        """Write a configuration; every name in it must exist in the spec."""
+        """Encode a configuration; every name in it must exist in the spec."""
         numbers: list[int] = []
         for module in self._modules:
             running = configuration.modules.get(module)
@@ -49,7 +49,7 @@ class ConfigurationCode:
         return pack(numbers)
 
     def decode(self, row: bytes) -> Configuration:
-        """Read a configuration; raises PackingError where the bytes are no row of this spec."""
+        """Decode a configuration; raises PackingError if the bytes are not a row of this spec."""
         numbers = Unpacker(row)
         places: dict[str, tuple[str, Mode]] = {}
         wired: dict[str, list[int]] = {}
@@ -89,13 +89,13 @@ def _at(names: Sequence[_T], index: int) -> _T:
 
 
 def worth_of(objective: Objective) -> tuple[int, ...]:
-    """Write what a plan is worth as ten numbers, none of them negative."""
+    """Give the objective of a plan as ten numbers, none of them negative."""
     costs = (objective.changes, objective.branches, objective.bus_mbit_per_s, objective.cpu_millis)
     return (*objective.critical, objective.utility, objective.inputs, *costs)
 
 
 def objective_of(worth: Sequence[int]) -> Objective:
-    """Read ten numbers of `worth_of`; raises PackingError for another count."""
+    """Read an objective back from the ten numbers of `worth_of`; raises PackingError for another count."""
     match worth:
         case [a, b, c, d, utility, inputs, changes, branches, bus, cpu]:
             return Objective((a, b, c, d), utility, inputs, changes, branches, bus, cpu)

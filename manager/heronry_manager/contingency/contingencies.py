@@ -1,9 +1,9 @@
-"""Plans made ahead, as a value: every fault set up to a size, in several phases, and a safe mode for each phase.
+"""Plans made ahead, as a value: for every fault set up to a size, in several phases, with a safe mode for each phase.
 
-Configurations are kept once and numbered from 1, in the order in which PEs hold them on board: the fault-free ones,
-the safe modes, then those of single faults phase by phase, then those of two, and so on. Number 0 is none. PREPARE has
-12 bits for a number (docs/protocol.md), so those up to 4095 can be called by it. The same spec, scope and planner give
-the same numbers.
+Configurations are kept once and numbered from 1, in the order in which PEs hold them on board: the fault-free ones, the
+safe modes, then those of single faults phase by phase, then those of two, and so on. Number 0 stands for none. PREPARE
+has 12 bits for a number (docs/protocol.md), so it can call configurations up to 4095. The same spec, scope and planner
+give the same numbers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,7 +27,7 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class PhasePlans:
-    """What was made ahead for one phase."""
+    """The plans made ahead for one phase."""
 
     phase: Phase
     safe_mode: int  # number of the configuration that serves critical functions only
@@ -37,7 +37,7 @@ class PhasePlans:
 
 @dataclass(frozen=True, slots=True)
 class Contingencies:
-    """Everything made ahead for a spec."""
+    """All plans made ahead for a spec."""
 
     spec_digest: str  # SHA-256 of the spec's file, hexadecimal
     scope: Scope
@@ -45,11 +45,11 @@ class Contingencies:
     phases: tuple[PhasePlans, ...]  # as in the scope
 
     def configuration(self, number: int) -> Configuration:
-        """Configuration of a number."""
+        """Give the configuration with a number, from 1."""
         return self.configurations[number - 1]
 
     def entries(self) -> Iterator[tuple[Phase, FaultSet, Made]]:
-        """Every fault set in every phase, with its plan."""
+        """Give every fault set in every phase, with its plan."""
         for table in self.phases:
             for down, index in zip(self.scope.fault_sets(), table.by_fault_set, strict=True):
                 yield table.phase, down, table.plans[index]
@@ -61,7 +61,7 @@ def contingencies(
     outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
     safe_modes: Mapping[Phase, Configuration],
 ) -> Contingencies:
-    """Number what a sweep found. `outcomes` has every fault set of the scope in every phase of it."""
+    """Number the configurations that a sweep found; `outcomes` has every fault set in every phase of the scope."""
     numbers = _Numbers(spec)
     for phase in scope.phases:
         numbers.of(outcomes[phase, frozenset()].configuration)
@@ -97,7 +97,7 @@ class _Numbers:
         self.configurations: list[Configuration] = []
         self._code = ConfigurationCode(spec)
         self._by_row: dict[bytes, int] = {}
-        self._by_identity: dict[int, int] = {}  # of configurations that a sweep holds: most sets share one
+        self._by_identity: dict[int, int] = {}  # by `id` of a configuration: most fault sets share one object
 
     def of(self, configuration: Configuration) -> int:
         known = self._by_identity.get(id(configuration))

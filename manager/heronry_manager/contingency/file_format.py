@@ -2,18 +2,18 @@
 
     8 bytes   "HERONRY" and the format's number
     32 bytes  digest of the spec's file (SHA-256)
-    4 bytes   length of what follows when it is unpacked, most significant byte first
+    4 bytes   length of the next part when unpacked, most significant byte first
     ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
 Numbers: faults; the elements (indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the
 configurations, as rows; for each phase the safe mode's number, its plans (number of the configuration, proven or not,
 ten integers of worth) and, for each fault set in the order of `Scope.fault_sets`, the index of its plan. So a fault set
-costs no more than that index.
+costs only that index.
 
-Bytes of our own, because indices into a spec that is bound by its digest need a tenth of what names do, and compressed,
-because neighbours are alike: configurations differ in a few modules. zlib and SHA-256 are in the standard library.
-A file with any error is not used; the error is one sentence with the remedy.
+The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
+It is compressed, because neighbouring configurations differ in a few modules. zlib and SHA-256 are in the standard
+library. A file with any error is not used; the error is one sentence with the remedy.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ _MAGIC = b"HERONRY"
 FORMAT = 1
 _HEAD_BYTES = len(_MAGIC) + 1 + 32 + 4
 _DIGEST_BYTES = 32
-_MOST_BYTES = 1 << 28  # unpacked; a longer one is no contingency file, and is not unpacked
+_MOST_BYTES = 1 << 28  # unpacked; a file that claims more is not unpacked
 
 
 class ContingencyFileError(HeronryError, ValueError):
@@ -41,7 +41,7 @@ class ContingencyFileError(HeronryError, ValueError):
 
 
 def read_contingencies(file: Path, spec: Spec) -> Contingencies:
-    """Read a file of a spec; raises ContingencyFileError, or OSError where it cannot be read at all."""
+    """Read the file for a spec; raises ContingencyFileError, or OSError if the file cannot be opened."""
     try:
         return from_bytes(file.read_bytes(), spec)
     except ContingencyFileError as error:
@@ -49,7 +49,7 @@ def read_contingencies(file: Path, spec: Spec) -> Contingencies:
 
 
 def to_bytes(made: Contingencies, spec: Spec) -> bytes:
-    """Write the file; the same contingencies give the same bytes."""
+    """Encode contingencies as the content of a file; the same contingencies give the same bytes."""
     body = _body(made, spec)
     head = _MAGIC + bytes((FORMAT,)) + bytes.fromhex(made.spec_digest) + len(body).to_bytes(4, "big")
     content = head + zlib.compress(body, 9)
@@ -57,7 +57,7 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 
 
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
-    """Read the bytes of a file; raises ContingencyFileError."""
+    """Decode the content of a file; raises ContingencyFileError."""
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
         raise ContingencyFileError("this is no contingency file")
@@ -66,7 +66,7 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     if hashlib.sha256(content).digest() != digest:
         raise ContingencyFileError("it is damaged: its checksum is wrong")
     if content[len(_MAGIC) + 1 :][:32].hex() != spec.digest:
-        raise ContingencyFileError(f"it was made for another file than this spec {spec.name}")
+        raise ContingencyFileError(f"it was made for another spec, or another version of spec {spec.name}")
     try:
         return _read(Unpacker(_unpacked(content)), spec)
     except (PackingError, IndexError, zlib.error) as error:
@@ -76,7 +76,7 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
 def _unpacked(content: bytes) -> bytes:
     length = int.from_bytes(content[_HEAD_BYTES - 4 : _HEAD_BYTES], "big")
     if length > _MOST_BYTES:
-        raise PackingError(f"it claims {length} bytes")
+        raise PackingError(f"its content would have {length} bytes, which is too many")
     return zlib.decompressobj().decompress(content[_HEAD_BYTES:], length)
 
 

@@ -1,9 +1,9 @@
-"""What a sweep has found so far, on disk: a run that was killed loses nothing but what was being searched.
+"""The answers that a sweep has found so far, on disk: a killed run loses only the plan that it was searching.
 
-The journal is a text file beside the one that is being made, of lines that know whether they are whole
-(`checked_lines`). The first line names the spec's digest and the scope; every other one is an answer: phase, elements
-that are down, configuration as a row, worth, proven or not. Lines are only ever appended. A kill can tear the last one:
-at the next start everything from the first bad line on is cut off. A journal of another spec or scope is written anew.
+The journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
+The first line names the spec's digest and the scope; every other line is an answer: phase, elements that are down,
+configuration as a row, worth, proven or not. Lines are only ever appended. A kill can cut the last one short: the next
+start drops everything from the first bad line on. A journal of another spec or scope is written anew.
 
 Only one run at a time may write it; a lock ensures that, and the kernel releases it when the process ends.
 """
@@ -34,7 +34,7 @@ class Journal:
     """The journal of one sweep, open for appending; `known` is what earlier runs found."""
 
     def __init__(self, file: Path, spec: Spec, scope: Scope) -> None:
-        """Open or begin it; raises JournalError while another run writes it."""
+        """Open or begin a journal; raises JournalError while another run writes it."""
         self.file = file
         self.known: dict[tuple[Phase, FaultSet], Outcome] = {}
         self._code = ConfigurationCode(spec)
@@ -62,14 +62,14 @@ class Journal:
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
         """Append an answer; it survives a kill from the moment this returns.
 
-        Raises JournalError where the disk is full; the lines before stay usable for the next run.
+        Raises JournalError if the disk is full; the earlier lines stay usable for the next run.
         """
         row = self._code.encode(outcome.configuration)
         content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
         self._append(checked_line(content))
 
     def remove(self) -> None:
-        """Delete it: what it holds has been written elsewhere."""
+        """Delete the journal, once its answers are in the contingency file."""
         self.file.unlink()
 
     def _take_up(self) -> None:
@@ -91,7 +91,7 @@ class Journal:
             self._stream.flush()
         except OSError as error:
             why = f"{self.file} cannot be written: {error.strerror}"
-            raise JournalError(f"{why}; make room, and the same command goes on from there") from error
+            raise JournalError(f"{why}; make room, and give the same command again to continue") from error
 
     def _learn(self, content: object) -> bool:
         match content:
@@ -106,7 +106,7 @@ class Journal:
 
 
 def _whole_lines(data: bytes) -> Iterator[tuple[bytes, object]]:
-    """Lines and their contents, up to the first that is torn or damaged."""
+    """Give the lines and their contents, up to the first damaged line."""
     for line in data.splitlines(keepends=True):
         content = line_content(line)
         if content is DAMAGED:

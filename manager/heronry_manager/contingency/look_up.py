@@ -1,19 +1,19 @@
-"""The plan for what has just happened, if it was made ahead: found in microseconds, without a solver.
+"""The look-up of a plan that was made ahead for the present faults: in microseconds, without a solver.
 
-A plan made ahead was verified when it was made and when its file was checked. In flight only its precondition is left
-to be checked:
+A plan made ahead was verified when it was made and when its file was checked. In flight the look-up only checks its
+precondition:
 
-    these elements are down    or a set that comes to the same: a PE behind a dead gateway, a device on a dead PE and a
-                               module that has no PE left are down already, whether they are named or not
+    these elements are down    or a set with the same effect: a PE behind a dead gateway, a device on a dead PE and a
+                               module that has no PE left are down, whether the set names them or not
     this phase holds
-    this configuration runs    the fault-free one of the phase, module by module; at the start, when nothing is down, it
-                               is enough that nothing is known to run: then changes are free
+    this configuration runs    the fault-free configuration of the phase, module by module. At the start, when nothing
+                               is down, it is enough that nothing is known to run, since changes cost nothing then
 
-A plan is put together when it is first looked up; the plans of single faults, with their reports, are made at the
-start, since that takes longer than a look-up may.
+A plan is put together when it is first looked up. The plans of single faults, with their reports, are put together at
+the start, since that takes longer than a look-up may.
 
-Anything else is for the planner. With another configuration running the plan would still be legal, but no longer the
-one with the fewest changes.
+In any other case the planner must answer. While another configuration runs, a plan made ahead would be legal, but not
+the one with the fewest changes.
 """
 
 from heronry_dg.losses import lost_of
@@ -42,14 +42,14 @@ class ContingencyTable:
                 plan.report.work_out()
 
     def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
-        """Find what was made ahead for these faults in this phase, from what runs now; None where nothing was."""
+        """Find the plan made ahead for these faults, this phase and this running configuration; None: there is none."""
         found = self._made.get((phase, self._named_once(down)))
         if found is None or (running is None and down):
             return None
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Find the same, as a `Plan`; None where nothing was made ahead."""
+        """Give the plan that `find` finds as a `Plan`, with its report; None: there is none."""
         found = self.find(down, phase, running)
         if found is None:
             return None
@@ -62,7 +62,7 @@ class ContingencyTable:
         return known
 
     def _named_once(self, down: FaultSet) -> FaultSet:
-        """Leave out what is down because something else is."""
+        """Leave out the elements that are down only because another one is."""
         if len(down) < 2:
             return down
         return frozenset(one for one in down if not any(one in self._implied[other] for other in down))

@@ -1,12 +1,13 @@
 """Which contingencies fit into the PEs themselves, and the number of each (protocol rule 5).
 
-A PE that holds its slice of a configuration needs no SLICE frames when the configuration is wanted: its number, in
-PREPARE, is enough. Configurations are numbered by their importance, the most important first, so a PE holds those from
-1 to as far as its `table_bytes` reach (and PREPARE's 12 bits). For the others the manager sends slices as usual.
+A PE that holds its slice of a configuration needs no SLICE frames for it: PREPARE gives the number of the
+configuration. Configurations are numbered by their importance, the most important first, so a PE holds the
+configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For the others the
+manager sends slices as usual.
 
-The manager works out from its own file what every PE holds. A PE that was given a table without contingencies, or one
-made from another file, says that its slice is not on board, and gets it (`reconfiguration`); so no agreement is needed
-beforehand, and no PE stages another configuration than the manager means.
+The manager works out from its own file what every PE holds. A PE whose table has no contingencies, or was made from
+another file, reports that its slice is not on board, and gets the slice (`reconfiguration`). So manager and PEs need
+not agree beforehand, and no PE stages another configuration than the manager means.
 """
 
 from base64 import b64encode
@@ -26,7 +27,7 @@ MOST_NUMBERS = 4095  # 12 bits in PREPARE, without 0
 
 @dataclass(frozen=True, slots=True)
 class OnBoard:
-    """What one PE holds: the slices of the configurations numbered 1 to `held`."""
+    """The part of one PE: its slices of the configurations numbered 1 to `held`, encoded in `block`."""
 
     pe: str
     held: int
@@ -44,15 +45,15 @@ class ContingencyNumbers:
         self._held = {one.pe: one.held for one in held}
 
     def number(self, configuration: Configuration) -> int:
-        """Number of a configuration; 0 where it has none."""
+        """Give the number of a configuration; 0: it has none."""
         return self._numbers.get(self._code.encode(configuration), 0)
 
     def configuration(self, number: int) -> Configuration | None:
-        """Configuration that is called by a number; None where there is none."""
+        """Give the configuration that a number calls; None: there is none."""
         return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
-        """Tell whether a PE that was given its part of this file holds its slice of a number."""
+        """Tell whether a PE with its part of this file on board holds its slice of a configuration, by number."""
         return 0 < number <= self._held[pe]
 
 
@@ -72,7 +73,7 @@ def loaded(table: PeTable, one: OnBoard) -> PeTable:
 
 
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
-    """Take as many of the first slices as there is room for: one more never takes less room."""
+    """Take as many of the first slices as `room` bytes hold; the block grows with every slice."""
     fits, too_many = 0, len(slices) + 1
     while too_many - fits > 1:
         middle = (fits + too_many) // 2

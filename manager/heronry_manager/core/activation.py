@@ -1,12 +1,12 @@
 """The steps of an epoch that every awaited PE has staged: BREAK first where need be, then GO, then GO_ALL.
 
-A PE must be BROKEN before any PE goes on if it gives up something exclusive (`exclusion`), if it has to make room on a
-bus (`transition`), or if it runs what this term has not given it and is reached by wire. The manager waits for what an
-unavailable PE may still drive: for identifiers before GO, for a DEMUX before GO_ALL. `reconfiguration` says how long
-each step is repeated, and which PE owes an answer.
+A PE must report BROKEN before any PE goes on if it gives up something exclusive (`exclusion`), has to make room on a
+bus (`transition`), or is reached by wire and runs a configuration that this term has not given it. The manager waits
+until an unavailable PE has stopped driving: before GO for identifiers, before GO_ALL for a DEMUX. `reconfiguration`
+says how long each step is repeated, and which PE owes an answer.
 
-What the manager does not know: what a PE runs that has reported an epoch which the manager has forgotten, or another
-digest. The manager waits for that PE, since anything else could put two drivers on one identifier.
+What the manager does not know: the configuration of a PE that reports an epoch which the manager has forgotten, or an
+unexpected digest. The manager waits for that PE, since anything else could put two drivers on one identifier.
 """
 
 from heronry_dg.configuration import Configuration
@@ -33,7 +33,7 @@ class Activation:
         self._before: Configuration | None = None  # what ran before the current epoch
 
     def begin(self, epoch: Reconfiguration, current: Reconfiguration | None) -> None:
-        """Take the first step of an epoch, in the place of the current one."""
+        """Send the first ACTIVATE of `epoch`, which replaces the `current` one."""
         must_break = self._must_break(epoch, current)
         self._free(epoch)
         self._exclusion.activated(epoch.placed)
@@ -43,7 +43,7 @@ class Activation:
         self._emit_step(epoch)
 
     def move_on(self, epoch: Reconfiguration) -> bool:
-        """Take the next step if nothing is left to wait for; tells whether the epoch is done by that."""
+        """Take the next step if nothing is left to wait for; tells whether the epoch has been completed."""
         self._free(epoch)
         broken = epoch.stage is Stage.BREAKING and epoch.all_broken() and epoch.identifiers_free_ns is None
         if broken or (epoch.stage is Stage.HOLDING and epoch.demux_free_ns is None):
@@ -56,7 +56,7 @@ class Activation:
         return True
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
-        """PEs that must be BROKEN before any PE goes on."""
+        """Give the PEs that must report BROKEN before any PE goes on."""
         available = self._health.available()
         may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
@@ -65,7 +65,7 @@ class Activation:
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
     def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
-        """Give the configurations that a PE may be running, as its last state tells; None: not known."""
+        """Give the configurations that a PE may be running, according to its last state; None: not known."""
         seen = self._observed.of[pe]
         if seen.state is PeState.UNCONFIGURED:
             return []

@@ -1,12 +1,12 @@
-"""Adopting: the manager takes over what runs as it is, without a new epoch, where it knows what that is.
+"""Adopting: the manager takes over a running configuration that it knows, without a new epoch.
 
-All available PEs that run anything are ACTIVE in one epoch, whose digest is that of the configuration that the manager
-remembers (`memory`) or has overheard, or of the very plan that it would deploy; and no PE was seen on a newer epoch. In
-every less clear case the manager opens a new epoch. A PE that is missing, or runs nothing, is then a fault like any
-other.
+The manager adopts if all available PEs that run anything are ACTIVE in one epoch, and no PE was seen on a newer epoch.
+The digest of that epoch must belong to the configuration that the manager remembers (`memory`) or has overheard, or to
+the plan that it would deploy. In every less clear case the manager opens a new epoch. A PE that is missing, or runs
+nothing, then counts as a fault like any other.
 
-What the manager does not know: what a silent PE runs. That PE may still hold what the epoch places there (`exclusion`);
-and before a PE hears this term it may take up what another manager gave it.
+What the manager does not know: what a silent PE runs. A silent PE may still hold the tokens that the epoch places there
+(`exclusion`). Before a PE hears this term, it may start the configuration of another manager.
 """
 
 from heronry_dg.model import Spec
@@ -47,11 +47,10 @@ class Adoption:
         return self._adopted(newest, plan, compiled)
 
     def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
-        """Give the epoch that is remembered to run, or was overheard, if the PEs run it; else None.
+        """Give the remembered or overheard epoch if the PEs run it; else None.
 
-        Available PEs that run nothing, and PEs that are missing, do not prevent it: they are treated as faults. What
-        radios could carry when the configuration was planned is not remembered: the plan is taken as made for what they
-        carry `now`.
+        PEs that run nothing, or are missing, do not prevent the adoption: they are treated as faults. The limits of the
+        radios at planning time are not remembered: the plan counts as made for their limits `now`.
         """
         if runs is None:
             return None
@@ -72,9 +71,9 @@ class Adoption:
     def _adopted(self, epoch: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
         adopted = self._epochs.running(epoch, plan, compiled)
         self._epochs.remember(adopted)
-        self._exclusion.activated(adopted.placed)  # a PE that is missing may still hold what it was given
+        self._exclusion.activated(adopted.placed)  # a missing PE may still hold its tokens
         for pe in self._health.available():
-            self._exclusion.unknown(pe)  # before it hears this term it may take up what another manager gave it
+            self._exclusion.unknown(pe)  # before it hears this term it may start another manager's configuration
             if self._observed.of[pe].state is PeState.UNCONFIGURED:
                 continue
             self._observed.of[pe].configured = True

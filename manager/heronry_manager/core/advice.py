@@ -1,10 +1,10 @@
-"""What a manager that only advises reports: what it would do, and what it has seen another manager do.
+"""The reports of a manager that only advises: what it would deploy, and what another manager was seen to deploy.
 
-    advised    a plan was made that is not what runs: `advice` has told what deploying it would change
-    adopted    the PEs are seen to run what was advised, or was overheard (`following`): that runs now
-    unknown    the PEs run anything else: then nothing is known to run, and nothing is advised
+    advised    a plan was made that differs from the running configuration; the event `advice` lists the changes
+    adopted    the PEs report the advised or an overheard (`following`) configuration: what runs is known
+    unknown    the PEs run any other configuration: what runs is not known, and nothing is advised
 
-A PE that reports what is known to run changes nothing; a state that is late or lost is made up for by the next one.
+A PE that reports the known configuration changes nothing. The next state makes up for a late or lost one.
 """
 
 from heronry_dg.plan import Plan
@@ -17,16 +17,16 @@ from heronry_manager.core.turn import Turn
 
 
 class Advice:
-    """Emits events, and commands nothing."""
+    """Emits advice as events, and commands nothing."""
 
     def __init__(self, turn: Turn, health: Health, deployment: Deployment) -> None:
         self._turn, self._health, self._deployment = turn, health, deployment
-        self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
+        self._advised: tuple[Plan, int] | None = None  # the last advised plan, and its digest
 
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
-        """Emit what deploying this plan would change, and deploy nothing; report an `unknown` epoch where one runs.
+        """Emit the changes that deploying this plan would make; if the PEs run an `unknown` epoch, report that instead.
 
-        An overheard epoch that does not run everywhere yet is not reported: `follow` will see it.
+        An overheard epoch that not all PEs run yet is not reported: `follow` will adopt it.
         """
         self._advised = plan, self._deployment.epochs.compiled(plan.configuration).digest
         if unknown is None:
@@ -44,9 +44,9 @@ class Advice:
             self._turn.emit("unknown_epoch", epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
-        """Compare what the PEs run with what is known; tells whether it has just become known what runs.
+        """Compare the configuration that the PEs run with the known one; tells whether it has just become known.
 
-        What was advised or overheard can become known; as long as the PEs run anything else, nothing is known to run.
+        An advised or overheard configuration becomes known when the PEs run it. If they run any other, none is known.
         """
         deployment = self._deployment
         observed = (deployment.observed.of[pe] for pe in self._health.available())

@@ -1,10 +1,10 @@
-"""What the active manager holds, announced for a standby manager: the phase and each latched fault (CONTROL, HOLDS).
+"""The active manager announces the phase and each latched fault to the standby manager (CONTROL, HOLDS).
 
-One fact at a time: a new one with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before
-each answer to a request for a phase the manager sends the phase, even if it was sent before: a standby manager that was
-started since knows only what its journal says. Right behind the phase in its turn, the manager sends which requests it
-has executed. A PE ignores all of it. A standby manager that has missed a fact hears it again, and drops a fact that it
-has not heard for some turns (`known_situation`).
+The manager announces one fact at a time: a new fact with the next beat, the others in turn, one with every
+ANNOUNCED_EVERY-th beat. Before each answer to a request for a phase the manager sends the phase, even if it was sent
+before: a standby manager that has just started knows only its journal. After the phase in its turn, the manager also
+sends which requests for a phase it has executed. PEs ignore these frames. A standby manager that has missed a fact
+hears it again, and drops a fact that it has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
@@ -22,7 +22,7 @@ class Announcer:
         self._phases = list(spec.phases)
         self._situation = situation
         self._beat = 0
-        self._told: dict[Fact, int] = {}  # number of the beat that announced it last
+        self._told: dict[Fact, int] = {}  # number of the beat that announced each fact last
 
     def next(self) -> Fact | None:
         """Give the fact to announce with this beat; None: no fact is due."""
@@ -41,7 +41,7 @@ class Announcer:
         return phase[0] if phase else None
 
     def look(self) -> list[Fact]:
-        """Give the facts that hold now; one that has ended is announced as new if it holds again."""
+        """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
         places = map(self._situation.failed.place, self._situation.failed.elements)
         facts = self._phase() + sorted(place for place in places if place is not None)
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}

@@ -5,41 +5,45 @@ the driver has it on disk before the manager sends; so no number is used twice, 
 
 What comes in. A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
 opens a session when it answers the nonce that the PE sends in page 2: the session is the number of that answer, so a
-state recorded earlier proves nothing. The tag covers the digest of what runs, or is staged, for which the frame has no
-room. The manager looks for it among the digests that this PE may mean: the epoch's as this manager knows it, and those
-that its page 3 named.
+state recorded earlier proves nothing. The tag also covers the digest of the running or staged configuration, for which
+the frame has no room. The manager tries the digests that this PE may mean: the digest of the epoch as this manager
+knows it, and the digests that the PE has named in page 3.
 
-The manager holds an EMCY until a page 0 with FAULT_PENDING proves it, one EMCY per page: the tag covers it. The manager
-tries every EMCY that it has heard of this PE, and forgets them with the next page 0 that says nothing is pending.
+The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
+manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault.
 
     no session    nothing from this PE counts; the manager answers a nonce, once in a heartbeat period
     offered       answers have gone out, and no state tagged with one of them has come
-    open          page 0 is believed, with its digest put back in its place
+    open          page 0 is believed, and its digest is put back where the tag was
 
-A restarted PE asks for a session itself. A PE that is heard, and cannot be believed for T_lease, is told to ask
-(RENEW): it may have missed the answer that opened its session, or this manager may have missed too many of its states.
-Where that changes nothing an event reports the PE: it has another key, or none, or its receiver has failed.
+A restarted PE requests a session by itself. To a PE that is heard, but cannot be believed for T_lease, the manager
+sends RENEW, and the PE requests a new session: the PE may have missed the answer that opened its session, or this
+manager too many states of the PE. If that changes nothing, an event reports the PE: it has another key, or none, or its
+receiver has failed.
 
-Guessing. 24 bits are found by chance in 16 million tries. Once many tags of a PE were wrong, a state of it counts only
-if the tag of the state before was right as well, for as long as wrong tags come and a while longer: two in a row cannot
-be guessed. Where no frame of the PE is lost this has no effect, and a lost frame costs the PE one more period.
+Guessing. A forger finds 24 bits by chance in 16 million tries. Once many tags of a PE were wrong, a state of that PE
+counts only if the tag of the state before was right as well: two in a row cannot be guessed. This lasts as long as
+wrong tags come, and a while longer. Then a lost frame costs the PE one more period; without lost frames there is no
+effect.
 
-A manager that only watches (a standby manager) follows the sessions that another manager opens: it hears the nonce and
-the answer, and the TAG of the answer proves both. An answer that it has missed, or that is older than its session,
-opens nothing.
+A standby manager follows the sessions that the active manager opens: it hears the nonce and the answer, and the TAG of
+the answer proves both. An answer that the standby manager has missed, or that is older than the session it knows, opens
+nothing.
 
-Another manager is believed if its commands are tagged, and its numbers rise; nothing else can end a mastership. A
-standby manager has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number
-may be. A manager with this manager's number is another one if its number in the term is higher: this manager's own
-commands could be replayed.
+This manager believes another manager whose commands carry right tags with rising numbers; nothing else can end a
+mastership. A standby manager sends no nonce, so it finds the upper bits of the current number by trying. A command
+under this manager's own node-ID comes from a second manager only if its number is above this manager's last one; any
+other may be a replay of this manager's own commands.
 
-A page 1 is no sign of life, and needs no number: what a PE reports of an epoch stays true as long as its session lasts.
+Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
 
-Not proven, for want of room: pages 2 and 3, which name what is to be tried, and the reports of gateways on radios.
+Pages 2 and 3, and the reports of gateways on radios, have no room for a proof. Pages 2 and 3 only name nonces and
+digests that the manager tries.
 
-Lost: as in `command_tags`; a PE asks again. Of an EMCY: page 0 cannot be believed until it has come again. Late,
-doubled: the number of page 0 is not above the last. Forged: counted in `refused`, shown in the status. After a restart
-nothing is known, and the new term asks every PE to begin anew.
+Lost: as in `command_tags`; a PE asks again. After a lost EMCY, page 0 cannot be believed until the PE has repeated the
+EMCY. Late or doubled: page 0 is refused, since its number is not above the last one. Forged: the state is counted in
+`refused`, which the status shows. After a restart the manager knows no session, and every PE that hears the new term
+requests one.
 """
 
 from collections import deque
@@ -59,16 +63,16 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
-GUESSES = 8  # wrong tags, after which a state counts only right behind another true one
-FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which they are forgotten
+GUESSES = 8  # wrong tags, after which a state counts only if the state before it was proven too
+FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which the wrong tags are forgotten
 _OFFERS = 2  # answers that are remembered: one may be on its way while the PE asks for the next
 _NAMED = 3
 _NONCES = 4  # nonces of one PE that are remembered: an overheard answer may belong to any of them
 _ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
-_IN_VAIN = 2  # renewals without effect: even a PE that was just restarted has answered one of two
-_IN_A_ROW = 2  # two states count together if the second number is at most so much higher
+_IN_VAIN = 2  # RENEWs without effect: even a PE that was just restarted has answered one of two
+_IN_A_ROW = 2  # two states are in a row if the second number is higher by at most this much
 
 
 @dataclass(slots=True)
@@ -81,13 +85,13 @@ class _Opened:
 
 @dataclass(slots=True)
 class _Peer:
-    """What one PE has proven."""
+    """What one PE has proven, and what may prove its next state."""
 
     node: int
     period_ns: int
     opened: _Opened | None = None
     offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
-    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests in its pages 3
+    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests that its pages 3 have named
     answered_ns: int | None = None  # when its nonce was last answered
     nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has sent
     doubted_ns: int | None = None  # since when it has been heard without being believed
@@ -96,14 +100,14 @@ class _Peer:
     wrong_ns: int = 0
     fitted: tuple[Session, int] | None = None  # the last page 0 with a right tag, believed or not
     held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest first
-    proven: bytes = NO_EMERGENCY  # by the last page 0
+    proven: bytes = NO_EMERGENCY  # the EMCY that the last page 0 has proven
     refused: int = 0  # states that were not believed
-    refuses: tuple[int, int] = (0, 0)  # commands that it has refused, by its page 3: unproven, other
-    told: tuple[int, int] = (0, 0)  # the same when an event last reported it, and the time of that
+    refuses: tuple[int, int] = (0, 0)  # commands that the PE has refused, as its page 3 counts them: unproven, other
+    told: tuple[int, int] = (0, 0)  # `refuses` as an event last reported it, and the time of that event
     told_ns: int | None = None
 
     def sessions(self) -> list[_Opened]:
-        """Sessions in which the PE may tag its next state."""
+        """Give the sessions in which the PE may tag its next state."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 
@@ -131,7 +135,7 @@ class Authenticity:
         """Begin without a session.
 
         digest_of: gives the digest of an epoch of this mastership, or of the manager that is followed; None: not known.
-        speaks: tells whether this manager is active: only then is its term its own, and never used before.
+        speaks: tells whether this manager is active: only an active manager has a term of its own, never used before.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
@@ -140,12 +144,12 @@ class Authenticity:
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
         self._by_node = {peer.node: peer for peer in self._peers.values()}
-        self._answers: list[tuple[_Peer, int]] = []  # that this turn sends
+        self._answers: list[tuple[_Peer, int]] = []  # nonces that the end of this turn answers
         self._overheard: dict[int, deque[_Overheard]] = {node: deque(maxlen=_ANSWERS) for node in MANAGER_NODES}
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give the counts of a PE's states that were refused here, and of the commands that the PE has refused."""
+        """Give whether a PE is believed, and how many of its states and commands to it were refused."""
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,
@@ -182,7 +186,7 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Give a page of a PE, with the digest in its place that its tag covers; None: it is not believed."""
+        """Check the tag of a PE's page; gives the page, its digest in place of the tag; None: not believed."""
         peer = self._peers[pe]
         match page:
             case StatePage0():
@@ -221,14 +225,14 @@ class Authenticity:
         return proven or None
 
     def overhear(self, manager: int, control: bytes) -> None:
-        """Keep what may be another manager's answer to a nonce: once its TAG comes, the session is followed."""
+        """Keep another manager's answer to a nonce until its TAG proves it and opens the session."""
         order = decode_command(Command.CONTROL, control)
         if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in self._by_node:
             session = Session(manager, order.term, order.a << 16 | order.b)
             self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
 
     def _follow(self, manager: int, tag: bytes) -> None:
-        """Try a TAG on the answers that were kept: the one that it fits opens its PE's session, if that is newer."""
+        """Try a TAG on the kept answers: the answer that it proves opens a session, unless a newer one is known."""
         kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
@@ -287,7 +291,7 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Take page 1 on an epoch of this mastership; it tells the epoch's digest if the PE has staged that, else 0."""
+        """Take page 1 on an epoch of this mastership; its digest is the epoch's if the PE has staged it, else 0."""
         known = self._digest_of(page.staged_epoch)
         if known is None:
             return None
@@ -305,7 +309,7 @@ class Authenticity:
         return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
 
     def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
-        """Note that a page 0 was not believed. Its tag is wrong only if it has one, and a session was offered."""
+        """Note that a page 0 was not believed; its tag counts as wrong only if a session was offered."""
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):
             peer.refused += 1

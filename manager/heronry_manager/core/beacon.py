@@ -1,9 +1,9 @@
 """The active manager's regular frames: LEASE and ALIVE in every heartbeat period, PINGs, a CANopen heartbeat.
 
 LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up. ALIVE names the available PEs, and a
-PE that it does not name drives nothing exclusive (protocol rules 4 and 6). A PE that is no longer available is left out
-immediately, and not with the next beat only: T_lease begins then. A beat that came late is not made up for: two in a
-row would say nothing new.
+PE that it does not name drives nothing exclusive (protocol rules 4 and 6). When a PE is no longer available, the
+manager sends an ALIVE without it immediately: T_lease begins then. The manager does not make up for a late beat: two
+beats in a row would carry nothing new.
 """
 
 from heronry_wire.frame import Frame
@@ -15,7 +15,7 @@ from heronry_wire.sansio import Send
 
 
 class Beacon:
-    """The manager's regular frames."""
+    """Builds the manager's regular frames, and numbers them."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
         """Send a beat every `period_ns` from `first_ns` on (nanoseconds)."""
@@ -40,7 +40,7 @@ class Beacon:
         return self._send(Command.ALIVE, Alive(term, sequence, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
-        """Give a PING to one PE, which asks for its state."""
+        """Give a PING, which asks one PE for its state."""
         return self._send(Command.PING, Ping(term, node, self._sequence).encode())
 
     def _send(self, command: Command, data: bytes) -> Send:

@@ -1,10 +1,10 @@
-"""One beat of an active manager, and what cannot wait for the next one.
+"""One beat of an active manager, and the frames that cannot wait for the next beat.
 
 In each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect (`beacon`), and one fact in turn
-for a standby manager (`announcing`). Between two beats: an ALIVE as soon as a PE is no longer available, since that PE
-drives what it was given until it may hear that, and a PING for a PE that has just become suspect.
+for a standby manager (`announcing`). Between two beats the manager sends an ALIVE as soon as a PE is no longer
+available, since T_lease of that PE begins with it, and a PING to a PE that has just become suspect.
 
-The beat begins anew with each term. A beat that is lost is followed by the next one; nothing here is answered.
+The beat begins anew with each term. The next beat makes up for a lost one; no frame of a beat is acknowledged.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ class Beat:
         settings = self._settings
         self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
         self._announcer = Announcer(settings.spec, self._known.situation)
-        self._has_to_leave_out = False  # a PE that is no longer available, and that the last ALIVE named
+        self._has_to_leave_out = False  # the last ALIVE named a PE that is no longer available
 
     def is_due(self) -> bool:
         """Tell whether the next beat is due."""
@@ -53,7 +53,7 @@ class Beat:
             self._tell_accepted()
 
     def ping(self, pe: str) -> None:
-        """Send a PING to a PE, which asks for its state."""
+        """Send a PING, which asks a PE for its state."""
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
@@ -61,7 +61,7 @@ class Beat:
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Send an ALIVE immediately if the last one named a PE that is lost: the PE's T_lease begins with this one."""
+        """Send an ALIVE now if the last one named a PE that is lost since: T_lease of that PE begins with it."""
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
@@ -79,7 +79,7 @@ class Beat:
         self._tell_held(self._announcer.phase())
 
     def look(self) -> None:
-        """Note which facts hold now: one that ends and begins again before the next beat is announced as new."""
+        """Note which facts hold now: a fact that ends and returns before the next beat is announced as new."""
         self._announcer.look()
 
     def _named(self) -> frozenset[int]:
@@ -94,7 +94,7 @@ class Beat:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, Operation.HOLDS, *fact))
 
     def _tell_accepted(self) -> None:
-        """Repeat which requests for a phase were executed: a standby manager may have missed that, or been away."""
+        """Repeat which requests for a phase were executed: a standby manager may have missed that, or just started."""
         for pe, request in self._turn.memory.phase_requests.items():
             if self._known.health.said_incarnation(pe, self._turn.now_ns) == request.incarnation:
                 accepted = Operation.ACKNOWLEDGE, ElementKind.PHASE, request.number

@@ -32,7 +32,7 @@ from heronry_wire.pe_table import (
 
 @dataclass(frozen=True, slots=True)
 class CompiledConfiguration:
-    """A configuration as it travels: one body per node-ID, its digest, and the digest of the whole."""
+    """A configuration as it is sent: one slice per node-ID, the digest of each slice, and the digest of the whole."""
 
     slices: Mapping[int, bytes]
     digest: int
@@ -105,14 +105,14 @@ class Compiler:
         )
 
     def _is_on_both_sides(self, pe: str, module: str) -> bool:
-        """Tell whether a module may run beyond a PE, seen from the manager, and also where that PE reports."""
+        """Tell whether a module may run on both sides of a gateway: towards the manager, and beyond the PE."""
         uplink = uplink_bus(self._spec, pe)
         hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
         ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}
         return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
-        """Longest period of a source, in nanoseconds, over the modes that give it."""
+        """Give the longest period of a source, in nanoseconds, over the modes that give it."""
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -162,7 +162,7 @@ class Compiler:
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _without_manager(self, configuration: Configuration) -> frozenset[str]:
-        """Modules that stop while their PE hears no manager, by the spec's policy."""
+        """Give the modules that stop while their PE hears no manager, by the spec's policy."""
         keeps = self._spec.manager.without_manager == "keep"
         return frozenset() if keeps else expendable(self._spec, configuration)
 
@@ -185,7 +185,7 @@ class Compiler:
         return Slice(tuple(modules), remote, publish, forward, stops_here)
 
     def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-        """What this PE publishes itself, and what it forwards as a gateway."""
+        """Give what a PE publishes (source -> ports), and what it forwards as a gateway (source -> node, ports)."""
         publish: dict[int, int] = {}
         forward: dict[int, tuple[int, int]] = {}
         ports = {bus: 1 << port for port, bus in enumerate(self._spec.pes[pe].buses)}
@@ -211,7 +211,7 @@ def _phase_entry(phase: Phase) -> PhaseEntry:
 
 
 def _flight_critical(spec: Spec) -> Iterator[str]:
-    """Modules that may serve a function of class A in some phase, and the devices that they are bolted to."""
+    """Give the modules that may serve a function of class A in some phase, and the devices that they use."""
     critical = [name for name, rank in criticality_ranks(spec).items() if CRITICALITIES[rank] == "A"]
     yield from (f"module:{name}" for name in critical)
     bolted = {spec.modules[name].device for name in critical}

@@ -1,25 +1,25 @@
-"""From a plan to what runs: which epoch is current, which one is being prepared, and what the PEs report of them.
+"""From a plan to a running configuration: the current epoch, the epoch being prepared, and the PEs' reports on them.
 
 Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
 (`reconfiguration` says how each of them proceeds). The next one takes the current one's place when every awaited PE has
 staged it; if the situation changes before that, its number is abandoned. LEASE repeats the current one until then, and
 a PE that comes late is still served.
 
-Observed stays apart: a PE is known to run an epoch by its state frames alone (`observation`). A report that cannot be
-right is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what
-no manager commanded; it cannot stage its slice.
+Only state frames show what a PE runs (`observation`); a command does not. If a report cannot be right, the caller gets
+the cause as a sentence, and fails that PE: it runs nothing although it was configured, it runs what no manager
+commanded, or it cannot stage its slice.
 
-*Admitting*: a PE that comes back, and has nothing to do in the plan that runs already, is given the current epoch; no
-other PE is disturbed. A PE with something to do there needs a new epoch, since exclusive things must be broken first.
-It also needs one where it may have staged a newer epoch that was given up since: no PE goes back to an older one.
+*Admitting*: a PE that comes back, and has no module in the running plan, joins the current epoch; no other PE is
+disturbed. A PE with a module in that plan needs a new epoch, since other PEs must release exclusive things first. So
+does a PE that may have staged a newer epoch which was abandoned: no PE goes back to an older epoch.
 
-*Overtaken*: a PE that was cut off, and is not available yet, may run a newer epoch, of a manager that was active on its
-side of a broken bus. A PE that hears the newer epoch drives nothing exclusive until it runs one that is newer still
-(protocol rule 6), so the manager gives what runs a new number, without the PE that was cut off. The core checks this
-with every state, so a lost state does no harm.
+*Overtaken*: a PE that was cut off, and is not available yet, may run a newer epoch, opened by a manager on its side of
+a broken bus. A PE that hears of the newer epoch drives nothing exclusive until it runs a still newer one (protocol rule
+6). So the manager opens a new epoch for the running configuration, without the PE that was cut off. The core checks
+this with every state, so a lost state does no harm.
 
-*Adopting*: at its start the manager may take over what runs as it is (`adoption`). A manager that only advises tells
-what it would do, and takes for done what it sees (`advice`).
+*Adopting*: at its start the manager may take over the running configuration (`adoption`). A manager that only advises
+reports what it would do, and adopts what the PEs run (`advice`).
 
 `epochs` says how an epoch is made and remembered, `activation` its steps, `numbering` its number; `observation` and
 `reconfiguration` say what follows from lost, late and doubled frames, and `exclusion` what a PE may still drive.
@@ -83,7 +83,7 @@ class Deployment:
 
     @property
     def running(self) -> Placement | None:
-        """What runs, as far as this term has deployed or adopted it: module -> (mode, PE)."""
+        """Placement of the current epoch: module -> (mode, PE); None: this term has deployed or adopted none."""
         return placement(self.current.configuration) if self.current is not None else None
 
     @property
@@ -92,7 +92,7 @@ class Deployment:
         return self.current.plan if self.current is not None else None
 
     def unknown_epoch(self, leased: int) -> int | None:
-        """Give the newest epoch that PEs run, or another manager has `leased`; None: none, or what runs is known."""
+        """Give the newest epoch that PEs run, or another manager has `leased`; None: there is none, or it is known."""
         if self.current is not None:
             return None
         return newest_epoch((leased, self.observed.newest_epoch())) or None
@@ -134,7 +134,7 @@ class Deployment:
     def observe(self, pe: str, page: StatePage0) -> str | None:
         """Take page 0 of any PE; gives the cause for which the PE must be failed, or None.
 
-        A late page has no effect: what the PE has begun to drive since, it still drives.
+        A late page has no effect: it does not show what the PE has begun to drive since.
         """
         seen = self.observed.take(pe, page)
         if seen is None or not self._health.is_available(pe):
@@ -160,7 +160,7 @@ class Deployment:
         return "it runs nothing although it was configured" if seen.configured else None
 
     def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
-        """Tokens of the epochs that are newer than this one."""
+        """Give the tokens of the epochs that are newer than this one."""
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
@@ -183,7 +183,7 @@ class Deployment:
         return self.observed.of[pe].state is PeState.ACTIVE
 
     def lost(self, pe: str) -> None:
-        """Forget what a PE reported, which is no longer available, and drop it from the current epoch."""
+        """Forget the reports of a PE that is no longer available, and drop it from the current epoch."""
         self.observed.lost(pe)
         if self.current is not None:
             self.current.drop(pe)
@@ -191,7 +191,7 @@ class Deployment:
     # From one epoch to the next
 
     def stopped(self, module: str) -> None:
-        """Note that a module which its PE had stopped counts as well again: only a new epoch makes the PE start it."""
+        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it."""
         self._stopped.add(module)
 
     def is_overtaken_by(self, pe: str) -> bool:
@@ -207,9 +207,9 @@ class Deployment:
         return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.available())
 
     def runs(self, plan: Plan) -> bool:
-        """Tell whether the PEs run this plan already, and take it as the plan of the current epoch.
+        """Tell whether the PEs run this plan already; if so, it becomes the plan of the current epoch.
 
-        An available PE that does not run it is admitted to the epoch, if it has nothing to do there.
+        An available PE that does not run the current epoch is admitted to it, if it has no module there.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
@@ -227,7 +227,7 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether a PE that comes late needs a new epoch: it has work there, or may have staged a newer one."""
+        """Tell whether a late PE needs a new epoch: it has modules in this one, or may have staged a newer one."""
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
@@ -276,7 +276,7 @@ class Deployment:
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
     def advance(self) -> Reconfiguration | None:
-        """Move the epochs on as far as possible, and send their messages; gives an epoch that has ended so, or None."""
+        """Move the epochs on as far as possible, and send their messages; gives a completed epoch, or None."""
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)
         current = self.current

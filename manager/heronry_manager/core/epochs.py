@@ -1,11 +1,12 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
 An epoch is a plan that was compiled, given a number (`numbering`), and has its participants: the PEs that are available
-when it is opened. Those that are reached by wire alone, and that the plan can command, are *awaited*; the state frames
-of a PE beyond a dead gateway may still come, but no epoch waits for it (`reconfiguration` says how an epoch proceeds).
+when it is opened. Participants that are reached by wire alone, and that the plan can command, are *awaited*. The state
+frames of a PE beyond a dead gateway may still come, but no epoch waits for that PE (`reconfiguration` says how an epoch
+proceeds).
 
-Some epochs are remembered after the next one has taken their place, since a PE that is late may still run one: its
-number tells what that PE drives. What is activated or adopted is also remembered over a restart (`memory`).
+Some epochs are remembered after the next one has replaced them, since a late PE may still run one: the number in its
+state then shows what that PE drives. The last activated or adopted epoch is also remembered over a restart (`memory`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -65,7 +66,7 @@ class Epochs:
         self.wired = reached_by_wire(spec)
         self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
         self.numbers = EpochNumbers(turn)
-        self._known: dict[int, Reconfiguration] = {}  # that were activated or adopted
+        self._known: dict[int, Reconfiguration] = {}  # epochs that were activated or adopted
 
     def compiled(self, configuration: Configuration) -> CompiledConfiguration:
         """Compile a configuration into slices."""
@@ -75,7 +76,7 @@ class Epochs:
         """Read back the configuration of an epoch that is remembered over a restart, or was overheard."""
         return self._code.decode(bytes.fromhex(runs.row))
 
-    # Making one
+    # Making an epoch
 
     def open(self, plan: Plan, causes: Iterable[Cause]) -> Reconfiguration:
         """Open a new epoch, with a number newer than any that was used or seen."""
@@ -106,7 +107,7 @@ class Epochs:
         )
 
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
-        """Make these PEs participants; where the plan can command no PE there is no haste, and all are awaited."""
+        """Make these PEs participants; if the plan can command no PE, all that are reached by wire are awaited."""
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())
         return [
@@ -127,14 +128,14 @@ class Epochs:
             on_board=self._on_board is not None and self._on_board.holds(pe, contingency),
         )
 
-    # Those that are known
+    # Remembered epochs
 
     def known(self, number: int) -> Reconfiguration | None:
         """Give the epoch of this number; None: it is not remembered."""
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Tokens of the epochs that are newer than this one."""
+        """Give the tokens of the epochs that are newer than this one."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:
@@ -142,7 +143,7 @@ class Epochs:
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch
-        shown = {self._observed.of[pe].epoch for pe in self._health.available()}  # where a PE may be late
+        shown = {self._observed.of[pe].epoch for pe in self._health.available()}  # epochs that PEs still run
         for forgotten in [number for number in self._known if number not in shown][:-_REMEMBERED]:
             del self._known[forgotten]
 

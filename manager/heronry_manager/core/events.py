@@ -25,7 +25,7 @@ KINDS: Mapping[str, str] = {
     "pe_joined": "pe, cause: the PE is available from now on",
     "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
-    "fault_cleared": "element, by: the element counts as well again",
+    "fault_cleared": "element, by: the element no longer counts as failed",
     "link_limited": "bus, by, share: plans use this share of a radio's bandwidth from now on, as its gateway reports",
     "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs beyond are lost",
     "link_back": "bus, by: the gateway hears a PE beyond again",
@@ -39,19 +39,19 @@ KINDS: Mapping[str, str] = {
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the planner could not answer; the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
-    "plan_kept": "request: the best plan is no better where it counts than what runs, which therefore stays",
+    "plan_kept": "request: the optimal plan is not better at levels 1 to 3, so the running configuration stays",
     "epoch_prepared": "epoch, digest, contingency (its number; 0: none), pes, bytes: PREPARE and the slices are out",
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
     "commands_refused": "pe, unproven, other: how many commands a PE with a key has refused so far",
-    "states_unproven": "pe: it is heard, and proves nothing when asked to: another key, no key, or a failed receiver",
-    "states_doubted": "pe, refused: so many of its states had a wrong tag; now only two true ones in a row count",
+    "states_unproven": "pe: the PE is heard, but proves nothing when asked: another key, no key, or a failed receiver",
+    "states_doubted": "pe, refused: so many states of the PE had a wrong tag; now only two proven ones in a row count",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
-    "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",
+    "journal_kept": "before (the problem until now): the disk keeps the whole journal again",
     "standing_by": "node, term: this manager follows that one, and can take over",
-    "refused": "term: most PEs say that they hear no LEASE, though it is sent; the manager begins a new term",
+    "refused": "term: most PEs report that they hear no LEASE, though it is sent; the manager begins a new term",
     "hears_nobody": "term: no PE is heard any more; the manager sends nothing until one is, and then begins a new term",
     "stepped_down": "node, term: another manager is active with a higher term; this one stands by from now on",
     "taken_over": "term, before, silent_ns, phase: the PEs hear the previous manager no more; this one is active now",
@@ -71,13 +71,13 @@ def event(kind: str, now_ns: int, **data: Any) -> dict[str, Any]:
 
 
 def to_line(one: Mapping[str, Any]) -> str:
-    """Text form: one line of JSON without its line break."""
+    """Encode an event as one line of JSON, without its line break."""
     return json.dumps(one, separators=(",", ":"), sort_keys=False)
 
 
 @dataclass(slots=True)
 class Snapshot:
-    """What a view shows: the state of everything after some events."""
+    """What a view shows: the state of the system after some events."""
 
     spec: str = ""
     epoch: int = 0

@@ -1,30 +1,32 @@
 """Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
 A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
-run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that it may be running places it there:
+run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that the PE may be running places the
+token there:
 
-    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when
-             it is found running what another manager gave it, or a mastership begins that has not heard it
-    keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer epochs: while it
-             reports an older epoch it may be about to take them up, without a further report
-    loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
-             lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
-             gateway may beat more slowly): it sends them for two periods after it has heard another node, which may
-             have been a period after its last state, and so does the gateway that forwards them. Any other token
-             T_lease after the first ALIVE that does not name it is on the bus: it may have heard other nodes until
-             then, and has stopped by itself after that
+    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on; every token that could be placed
+             there, when the PE is found running another manager's configuration, or has not been heard when a
+             mastership begins
+    keeps    only the tokens of that epoch and of newer ones, once the PE has reported that epoch (it is BROKEN or
+             further): it may take up a newer epoch without a further report
+    loses    all tokens as a new incarnation. The tokens of modules, once the PE is declared down for its silence, and
+             the silence has lasted for three periods and a quarter of the slowest bus on the way to the PE (`misses`
+             may be fewer, and a gateway may beat more slowly): the PE sends a module's frames for two periods after it
+             has heard another node, which may have been a period after its last state, and so does the gateway that
+             forwards them. Any other token, T_lease after the first ALIVE on the bus that does not name the PE: it may
+             have heard other nodes until then, and has stopped by itself T_lease later
 
-Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two of
-its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the clock
-jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
+Both times count only while this manager runs. The manager has a beat in every heartbeat period: a longer gap between
+two of its steps was a pause or a jump of its clock, and the manager cannot tell which. So nothing of that gap counts:
+if the clock jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
 
 Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
 or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease from
 its first ALIVE on for each PE that it does not hear.
 
-What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up
-although it sends (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers
-wait too.
+What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that was failed
+although it sends (it does not acknowledge) goes on sending until it hears an ALIVE that does not name it: then the
+identifiers wait as well.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -40,17 +42,17 @@ class Exclusion:
     """Tokens held by each PE, as far as the manager can know."""
 
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
-        """`tells_departures`: an ALIVE is on the bus when `said` is called; else as soon as `named` is."""
+        """`tells_departures`: the driver calls `said` when an ALIVE is on the bus; else `named` counts as that."""
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
             pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
         }  # T_lease of each, as the PE itself counts it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._named: frozenset[str] = frozenset()  # PEs in the last ALIVE
-        self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
+        self._last_named_ns: dict[str, int] = {}  # when each PE was named last, or left out first
         self._unsaid: set[str] = set()  # PEs that no ALIVE on the bus has left out yet
         self._unsent_after_ns = {pe: unsent_ns(command_period_ns(spec, pe)) for pe in spec.pes}
-        self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each was heard last
+        self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each PE was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
@@ -119,7 +121,7 @@ class Exclusion:
             self._holds[pe] |= tokens
 
     def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
-        """Keep only these tokens of a PE: it has reported the epoch of the first, and may take up the newer ones."""
+        """Keep only these tokens of a PE: of the epoch that it has reported, and of newer ones that it may take up."""
         self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
@@ -131,7 +133,7 @@ class Exclusion:
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Give a PE every token that could be placed there: it may run what this manager did not give it."""
+        """Give a PE every token that could be placed there: it may run another manager's configuration."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
@@ -139,11 +141,11 @@ class Exclusion:
         return {pe for pe in available if self._rivals(pe, placed)}
 
     def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; None: now."""
+        """Give when (ns) the last unavailable PE has certainly stopped driving a DEMUX placed elsewhere; or None."""
         return self._free_ns(placed, available, now_ns, demux=True)
 
     def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
-        """When the last unavailable PE has certainly stopped sending for a module placed elsewhere; None: now."""
+        """Give when (ns) any unavailable PE has certainly stopped sending for a module placed elsewhere; or None."""
         return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
@@ -174,6 +176,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """`demux:NAME:BRANCH` and `demux:NAME:OTHER` are rivals for `demux:NAME`."""
+    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

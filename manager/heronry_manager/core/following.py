@@ -1,31 +1,31 @@
-"""What a standby manager does while another one is active: it listens, learns, and takes over (protocol rule 7).
+"""A standby manager follows the active one: it listens, learns, and takes over (protocol rule 7).
 
     following   LEASEs of the highest term come; the standby manager notes what the active one holds (phase, latched
                 faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
                 makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager, each heard within T_lease (of its own bus, where that beats more slowly), report that they hear
-                none either: the manager is gone, and not just this wire
-    behind      LEASEs come, of a lower term than one that is known to have been used, and some PE reports that it hears
-                none: it has heard the higher term and refuses these LEASEs, and would do so for ever. For
+                no LEASE either: the active manager is gone, and it is not only the wire of this one
+    behind      LEASEs come with a lower term than one that is known to have been used, and some PE reports that it
+                hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for ever. For
                 `LEARNS_LEASES` times T_lease this manager learns what the other one holds; then it takes over with a
                 term that all PEs accept
 
-Where no manager was ever heard, this manager looks, after the start-up window, at what the PEs report: the aircraft may
+If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
 just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
 manager waits for three times T_lease: a first manager that is being started now still goes first.
 
-With a key a PE may send and cannot be believed: a manager that was started after the sessions were opened knows none of
-them, and no manager opens another session while none is active. If such a PE did not count, no manager might ever take
-over. So where a PE has proven nothing within T_lease, it counts unproven. This manager itself has heard no LEASE for as
-long, and a forger can make it active too early, but command nothing. The next mastership waits for those PEs
-(`unbelieved`), as after a restart: they prove themselves once they have heard it.
+With a key, this manager may hear PEs that it cannot believe: a manager that was started after the sessions were opened
+knows none of them, and while no manager is active no session is opened. If such PEs did not count, no manager might
+ever take over. So the unproven states of a PE count if it has proven none within T_lease. This manager itself has heard
+no LEASE for as long. A forger can make this manager active too early, but can command nothing. The next mastership
+waits for those PEs (`unbelieved`), as after a restart: they prove themselves once they have heard it.
 
 Lost: a LEASE that is missed here alone leads to no take-over, since the PEs have heard it. Late, doubled: nothing
-happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease; forged states of more than half of the PEs
-and the manager's silence make it take over, and then the true manager ends or stands by. This manager believes nothing
-of a manager with a lower term than one that was heard before, for as long as the one with the higher term sends. Forged
-states that make a mastership look refused end no more than that mastership, and a manager that the PEs accept follows
+happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease; forged states of more than half of the PEs,
+while the active manager is silent, make the standby manager take over, and then the true manager ends or stands by.
+This manager ignores a manager with a lower term than another one, for as long as the one with the higher term sends.
+Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept follows
 it.
 
 A manager that only advises follows in the same way, beside an active manager: it takes over nothing, and plans upon
@@ -68,7 +68,7 @@ class Following:
         *,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """Wait `patience_ns` for a manager that was never heard; `on_board` as for `Overheard`."""
+        """Wait `patience_ns` for the first LEASE of any manager; `on_board` as for `Overheard`."""
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         self._recent_ns = {
@@ -79,7 +79,7 @@ class Following:
         self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of PEs that were heard, and not believed
-        self._orphaned_ns = turn.now_ns + patience_ns  # orphaned not before this
+        self._orphaned_ns = turn.now_ns + patience_ns  # the PEs count as orphaned no earlier
         self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where some PE runs a configuration
         self.node: int | None = None  # the active manager
         self.term = 0
@@ -88,7 +88,7 @@ class Following:
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """Take a command of another manager; gives what follows from a fact that it announces."""
+        """Take a command of another manager; gives the changes that follow from it."""
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
@@ -126,11 +126,11 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """What is known to run: what was activated last and could be put together, or was remembered; None: unknown."""
+        """The running configuration: the last activated one that could be read, or the remembered one; or None."""
         return self._overheard.runs
 
     def planned(self, plan: Plan) -> None:
-        """Note a plan that this manager has made: slices that are the same need not be overheard."""
+        """Note a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
         self._overheard.know(plan.configuration)
 
     def hears_lease(self) -> bool:
@@ -138,7 +138,7 @@ class Following:
         return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
 
     def leased_epoch(self) -> int:
-        """Epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        """Give the epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
@@ -174,12 +174,12 @@ class Following:
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that are heard and have proven nothing; if a manager is known, those available to it."""
+        """Give the PEs that are heard and have proven nothing; if a manager is known, only those in its last ALIVE."""
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """By PE heard within T_lease: whether it hears a LEASE; a proven state counts before an unproven one."""
+        """Tell by PE heard within T_lease whether it hears a LEASE; a proven state comes before an unproven one."""
         return self._recently(self._unproven) | self._recently(self._said)
 
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
@@ -187,5 +187,5 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """When the PEs may become orphaned without a further frame, in nanoseconds."""
+        """Give the time (ns) at which the PEs may become orphaned without a further frame; None: they may be now."""
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

@@ -1,6 +1,6 @@
 """Which PEs are available to the manager: suspect, PING, declare down, and let back in.
 
-One record per PE, moved by what is heard of it and by time alone (never by what was commanded): WAITING, UP, SUSPECT,
+Each PE has one record. Only the frames of the PE and time change its standing, never a command: WAITING, UP, SUSPECT,
 DOWN or RETURNING, as the table in `standing` says.
 
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
@@ -10,17 +10,17 @@ it has been available for a minute, or by the operator (`forgive`). Where all PE
 manager that hears none: their losses are discounted (`discount_losses`). Else a manager whose receiver fails now and
 then would find all PEs of its aircraft in quarantine.
 
-A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports so for longer
-than T_lease of the slowest bus on the way to it, while the manager sends, has certainly let go of what is exclusive,
-and can be commanded nothing: it is failed, and does not come back before it hears. Where more than half of the
-available PEs report so, or no other is left, it is the manager that is not heard; then no PE is failed for it, and what
-runs goes on.
+A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports this for longer
+than T_lease of the slowest bus on the way to it, while the manager sends, has certainly released everything exclusive,
+and no command reaches it: the manager fails the PE until it hears a lease again. If more than half of the available PEs
+report this, or no other PE is left, the fault is on the manager's side; then no PE is failed for it, and the running
+configuration goes on.
 
-A mastership that begins where another one has ended may know of a PE that it was available until now, and sends, but
-has proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, since
-only the previous manager has believed it, and nothing that it drives is given to another PE meanwhile. A PE that no
-longer sends at all is not waited for. Nor is a PE held down that was available to the previous manager to the last, and
-still runs what it was given (`inherited`): it was this manager that did not hear it.
+A mastership that follows another one may hear a PE that was available to the previous manager, but has proven nothing
+to this one yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
+drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE that was
+available to the previous manager to the last, and still runs that manager's configuration, is not held down
+(`inherited`): only this manager did not hear it.
 
 A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
 
@@ -137,24 +137,24 @@ class Health:
         return self._records[pe].standing
 
     def cause(self, pe: str) -> str | None:
-        """Why a PE is not available; None: it is, or may still be starting."""
+        """Give the reason why a PE is not available; None: it is, or may still be starting."""
         return self._records[pe].cause
 
     def incarnation(self, pe: str) -> int | None:
-        """Incarnation in a PE's last believed page 0; None before the first."""
+        """Give the incarnation in a PE's last believed page 0; None before the first."""
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """A PE's incarnation, proven or not, if unchanged since `since_ns`; else None. It tells requests apart."""
+        """Give a PE's incarnation, proven or not, if it has not changed since `since_ns`; else None."""
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
     def losses(self, pe: str) -> int:
-        """How often a PE was lost since its losses were last forgiven."""
+        """Give the number of a PE's losses since they were last forgiven."""
         return self._records[pe].losses
 
     def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
-        """How long a returning PE is still held down, in nanoseconds; None for any other."""
+        """Give how long a returning PE is still held down, in nanoseconds; None: the PE is not returning."""
         record = self._records[pe]
         if record.standing is not Standing.RETURNING:
             return None
@@ -169,9 +169,9 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether some PE was heard before, and all of them have missed all they may: none is available.
+        """Tell whether no PE is available, and every PE that was ever heard has been silent for its `misses`.
 
-        Where no PE was ever believed, the unproven states count.
+        If no PE was ever believed, the unproven states count.
         """
         if self.available():
             return False
@@ -181,7 +181,7 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses after the last frame of any PE: this manager hears none. Gives the PEs concerned."""
+        """Discount the losses after the last frame of any PE, as this manager hears none; gives the PEs concerned."""
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
         for record in discounted:
@@ -193,13 +193,13 @@ class Health:
         return self._window_closes_ns is not None
 
     def period_ns(self, pe: str) -> int:
-        """Heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
+        """Give the heartbeat period of a PE on the bus on which it reports, in nanoseconds."""
         return self._records[pe].period_ns
 
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
         """Take a state frame of a PE; `incarnation` where the page has it.
 
-        hears_lease: the PE hears the manager, or cannot, since the manager does not send.
+        hears_lease: False if the PE reports that it hears no LEASE, although the manager sends it.
         """
         record = self._records[pe]
         last, record.heard_ns = record.heard_ns, now_ns
@@ -242,7 +242,7 @@ class Health:
         return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
     def in_flight(self, now_ns: int) -> None:
-        """Shorten the start-up window: some PE runs a configuration, so a live PE is heard within its misses."""
+        """Shorten the start-up window: some PE runs a configuration, so any working PE is heard within its misses."""
         if self._window_closes_ns is None:
             return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
@@ -250,7 +250,7 @@ class Health:
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
-        """Wait for PEs that were available to the previous manager, and have to prove themselves to this one."""
+        """Wait for PEs that were available to the previous manager, and have proven no state to this one yet."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
@@ -267,13 +267,13 @@ class Health:
         ]
 
     def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
-        """Note that a PE sends, though it cannot be believed: that changes no standing."""
+        """Note an unproven state of a PE; it changes no standing."""
         record = self._records[pe]
         record.spoke_ns = now_ns
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs that still have to prove themselves to this manager, while the window is open."""
+        """Give the PEs of `await_again` that have proven no state to this manager yet, while the window is open."""
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
@@ -290,7 +290,7 @@ class Health:
         return kept_out
 
     def quarantine(self, pe: str, losses: int) -> None:
-        """Hold a PE down for as many losses as before a restart, once it is heard."""
+        """Restore the quarantine of a PE from before a restart: once it is heard, its hold-down counts `losses`."""
         record = self._records[pe]
         record.move(StandingEvent.QUARANTINED)
         record.losses, record.cause = losses, f"it was lost {losses} times"
@@ -301,14 +301,14 @@ class Health:
         return not self.is_available(pe) and self._records[pe].losses > 1
 
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
-        """Take a PE for lost for a reason other than silence (no acknowledgement, configuration lost)."""
+        """Fail a PE for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
-        """Take these PEs for lost, which a gateway no longer hears: all together.
+        """Take together all PEs that a gateway no longer hears out of use.
 
-        A PE that has missed its periods here too is LOST. Any other is FAILED: it may still drive what it drove, so a
+        A PE that has missed its periods here too is LOST. Any other is FAILED: it may still drive its outputs, so a
         false report of a gateway frees nothing.
         """
         changes: list[HealthChange] = []
@@ -319,7 +319,7 @@ class Health:
         return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
-        """Let time pass; gives what changes by that."""
+        """Let time pass; gives the changes of standing."""
         changes: list[HealthChange] = []
         for record in self._records.values():
             changes += self._tick_one(record, now_ns)

@@ -1,12 +1,12 @@
 """Frames in: each is decoded, authenticated where there is a key, and handed to the part that it concerns.
 
     state of a PE          `pe_reports`; with a key as far as it is believed
-    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it, unless it has no consequence (that a
-                           channel of a replicated bus is lost)
+    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it. A report on a channel of a replicated
+                           bus needs no proof, since it changes no plan
     command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since a proven
-                           ACTIVATE or LEASE names the digest of what they bring
+                           ACTIVATE or LEASE names their digest
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
-    request of any node    to identify oneself (CANaerospace): answered by `identification`
+    request of any node    to identify the manager (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
 The part that takes a frame says what follows if it is late, doubled or forged.
@@ -30,7 +30,7 @@ _NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
 
 
 class Inbound:
-    """Every identifier that means something to a manager, and what is done with its frames."""
+    """Hands each frame to the part of the manager that it concerns."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class Inbound:
     ) -> None:
         self._is_advising, self._turn, self._claim, self._known = settings.advise, turn, claim, known
         self._reports, self._reactions, self._succession = reports, reactions, succession
-        self.identification = IdentificationService(settings.node)  # `tick` is due when that is
+        self.identification = IdentificationService(settings.node)  # its deadline is that of `tick`
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
@@ -57,7 +57,7 @@ class Inbound:
         }
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether frames of an identifier mean anything here; a driver need not hand over the others."""
+        """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
         return (
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
@@ -67,7 +67,7 @@ class Inbound:
         )
 
     def take(self, frame: Frame) -> None:
-        """Take in a frame."""
+        """Decode a frame, and hand it on."""
         if frame.extended or frame.remote or frame.error:
             return
         pe = self._pe_of_state_id.get(frame.can_id)

@@ -1,13 +1,13 @@
 """What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
 
-What is remembered (`memory`) survives: the parts take it up as they are made anew. The parts that act hold this one
-object, and look up in it at each call what is known now.
+What is remembered (`memory`) survives: the new objects start with it. The parts that act hold this one object, and look
+up in it at each call what is known now.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
-    situation       what has failed, what has shrunk, and the phase
+    situation       what has failed, what is limited, and the phase
     deployment      what runs, what is being prepared, and what each PE reports that it runs
-    advice          of a manager that only advises: what it has told last
+    advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does
     authenticity    with a key: what has been proven; else None
 """
@@ -55,7 +55,7 @@ class Knowledge:
         return self.following.digest_of(epoch) if known is None else known
 
     def unknown_epoch(self) -> int | None:
-        """Epoch that runs, where this manager does not know its configuration; else None."""
+        """Give the running epoch if this manager does not know its configuration; else None."""
         return self.deployment.unknown_epoch(self.following.leased_epoch())
 
     def validate(self) -> None:
@@ -68,7 +68,7 @@ class Knowledge:
             require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
 
     def _validate_memory(self) -> None:
-        """Check that a restart would find what is known now."""
+        """Check that the memory holds what is known now, so that a restart would find it."""
         memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
         current, runs = self.deployment.current, memory.runs
         require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)

@@ -1,27 +1,28 @@
-"""The situation as the manager knows it: what is down, what has shrunk, and the phase.
+"""The situation as the manager knows it: what is down, what is limited, and the phase.
 
-A change of it gives back what follows, as values, in the order in which that is to be done (`reactions`):
+Each change returns its consequences as values, in the order in which `reactions` carries them out:
 
-    HealthChange      a PE is no longer available: it was latched, or its radio is gone
-    PlanNeeded        what runs was planned for another situation
-    LimitChanged      a radio has another limit: what runs may be as good as any under it
-    ModuleReleased    a module counts as well again that its PE has stopped: only another epoch starts it
+    HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
+    PlanNeeded        the running plan was made for another situation
+    LimitChanged      a radio has another limit: the running plan may still be the best one
+    ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
-Down is what is latched (`latched_faults`), and every PE that is not available (`health`). `radio_links` says what a
-radio has left, and `mission_phase` the phase; `lost_channels` and `restarts_told` are for reports, and no part of a
-plan. Each of these says what follows from a lost, late, doubled or forged message.
+Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
+`radio_links` gives the remaining bandwidth of each radio, and `mission_phase` the phase; `lost_channels` and
+`restarts_told` serve reports, and change no plan. The head of each file says what follows from a lost, late, doubled or
+forged message.
 
-A PE that is latched is barred: whatever it sends, it is not available until it is cleared.
+A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
-A report that the manager's own bus has failed is no part of a plan: the report was heard on that bus, and a plan
-without it would stop everything that flies.
+A report that the manager's own bus has failed changes no plan: the report was heard on that bus, and a plan without
+that bus would stop everything in flight.
 
-A standby manager hears in turn what is latched (`announcing`), and once what is cleared. What it has not heard again
-for three turns is latched no more: a lost CLEAR costs some beats. The same holds for a manager that advises beside the
-active one, except for what the operator has told the advising manager itself: that is a supposition, and it stays until
-another report of it comes.
+A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that it has not
+heard again for three turns, so a lost CLEAR costs some beats. A manager that advises beside the active one does the
+same, except with a fault that the operator has given to the advising manager itself: that is a supposition, and it
+stays until another report on the element comes.
 
-All of it outlives a restart (`memory`), and so does a quarantine: a PE that is held down for long goes on waiting.
+The whole situation outlives a restart (`memory`), and so does a quarantine.
 """
 
 from collections import Counter
@@ -43,17 +44,15 @@ from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 
-"""Beats from one fact that the active manager announces in turn to the next."""
-
 _KINDS = frozenset(ElementKind)
-_TURNS = 3  # in which a latched fault may stay unannounced
+_TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 
 
 @dataclass(frozen=True, slots=True)
 class PlanNeeded:
     """The situation has changed, for this cause.
 
-    since_ns: the last sign of the old situation, where it is older than this moment.
+    since_ns: time of the last sign of the old situation; None: now.
     """
 
     cause: str
@@ -69,7 +68,7 @@ class LimitChanged:
 
 @dataclass(frozen=True, slots=True)
 class ModuleReleased:
-    """A module counts as well again, and does not run before an epoch starts it."""
+    """A module was cleared, and does not run before an epoch starts it."""
 
     module: str
 
@@ -85,7 +84,7 @@ class KnownSituation:
         """Begin with what is remembered, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
         self._mission = MissionPhase(spec)
-        self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # for which a frame may wait
+        self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # the longest wait of a frame
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
@@ -94,12 +93,12 @@ class KnownSituation:
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
         self._told_phase: int | None = None  # the phase that another manager announced last
-        self._has_just_told_phase = False  # and after it only which requests it has executed
+        self._has_just_told_phase = False  # and after it only acknowledgements of requests
         self._remember()
 
     @property
     def phase(self) -> str | None:
-        """Mission phase that plans are made for; None where the spec has none."""
+        """The mission phase for which plans are made; None: the spec has no phases."""
         return self._mission.current
 
     def now(self) -> Situation:
@@ -107,20 +106,20 @@ class KnownSituation:
         return Situation(self.down(), self.links.limits(), self.phase)
 
     def spares(self, plan: Plan) -> bool:
-        """Tell whether a plan for other limits is as good as any now: legal under these, and no limit has risen."""
+        """Tell whether a plan needs no successor under the present limits: it is legal, and no limit has risen."""
         limits = self.links.limits()
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
 
     def link_reported(self, frame: Frame) -> Changes:
-        """Take a gateway's report on its radio; gives what follows."""
+        """Take a gateway's report on its radio; gives the consequences."""
         changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
         anybody = any(self._health.is_available(pe) for pe in beyond)
         for change in self.links.heard(frame, self._turn.now_ns, any_pe_beyond=anybody):
             radio = change.radio
-            cause = f"bus:{radio.bus} is {change.what}, says {radio.gateway}"
+            cause = f"bus:{radio.bus} is {change.what}, reported by {radio.gateway}"
             match change.what:
                 case "gone":
                     self._turn.emit("link_gone", bus=radio.bus, by=radio.gateway)
@@ -130,7 +129,9 @@ class KnownSituation:
                 case _:
                     share = f"{change.step / 10:g}%"
                     self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
-                    changes.append(LimitChanged(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}"))
+                    changes.append(
+                        LimitChanged(f"bus:{radio.bus} has {share} of its bandwidth, reported by {radio.gateway}")
+                    )
         return changes
 
     def _remember(self) -> None:
@@ -147,12 +148,12 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Elements that are down, as `kind:name`."""
+        """Give the elements that are down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
-        """Take a PE's report of a fault; gives what follows, or None where it names nothing in the spec."""
+        """Take a PE's report of a fault; gives the consequences, or None where it names nothing in the spec."""
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
             return None
@@ -162,7 +163,7 @@ class KnownSituation:
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """Take a PE's request for a phase; gives what follows, or None where it is not to be acknowledged."""
+        """Take a PE's request for a phase; gives the consequences, or None where it is not to be acknowledged."""
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is None or not self._mission.knows(request.index):
             return None
@@ -172,7 +173,7 @@ class KnownSituation:
         return ()
 
     def _request_answered(self, pe: str, detail: int) -> None:
-        """Note that another manager has executed a request, of the incarnation that the PE had when that was sent."""
+        """Note that another manager has executed a request of a PE, if the incarnation of the request is certain."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is not None:
             self._request_accepted(pe, incarnation, detail)
@@ -217,7 +218,7 @@ class KnownSituation:
         return [element for element in sorted(elements) if self._untold[element] > longest]
 
     def latch(self, fault: LatchedFault) -> Changes:
-        """Latch a fault; gives what follows."""
+        """Latch a fault; gives the consequences."""
         is_news = fault.element not in self.failed.elements
         if self.failed.latch(fault):
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
@@ -228,12 +229,12 @@ class KnownSituation:
         changes: list[SituationChange] = []
         if kind == "pe":
             changes += self._health.bar(name, f"failed, reported by {fault.by}", self._turn.now_ns)
-        if not changes:  # else what follows from the loss of the PE is that
+        if not changes:  # else the loss of the PE leads to a plan
             changes.append(PlanNeeded(f"{fault.element} failed, reported by {fault.by}"))
         return changes
 
     def clear(self, element: str, by: str) -> Changes | None:
-        """Clear an element; gives what follows, or None where nothing was latched on it and it was in no quarantine."""
+        """Clear an element; gives the consequences, or None: it was neither latched nor in quarantine."""
         fault = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
@@ -247,13 +248,13 @@ class KnownSituation:
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)
-        if kind != "pe":  # a PE is planned with when it has joined
+        if kind != "pe":  # plans use a PE again when it joins
             changes.append(PlanNeeded(f"{element} cleared by {by}"))
         return changes
 
     def enter(self, phase: str, by: str) -> Changes:
-        """Enter another mission phase; gives what follows."""
+        """Enter another mission phase; gives the consequences."""
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)
-        return (PlanNeeded(f"phase {phase}, asked for by {by}"),)
+        return (PlanNeeded(f"phase {phase}, requested by {by}"),)

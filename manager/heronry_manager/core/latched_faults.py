@@ -1,14 +1,14 @@
 """Faults that were reported: each is latched by the element that failed (protocol rule 8).
 
     well      no fault is reported
-    latched   a PE has reported a fault, or the operator has: the element counts as down, however often that is
-              repeated. Only the operator ends that (`clear`). What a PE reports of an element that the operator has
-              failed takes the place of the operator's word: that PE may have stopped the element
+    latched   a PE or the operator has reported a fault: the element counts as down. Repeated reports have no effect,
+              and only the operator clears the element (`clear`). A PE's report on an element that the operator has
+              failed replaces the operator's report: that PE may have stopped the element
 
 Lost, or sent during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
-operator has cleared the element latches it again; what is still wrong is found again anyway. Doubled: no effect.
-Forged: it takes the element out of use until the operator clears it. A restart remembers all but the times of the
-faults.
+operator has cleared the element latches it again; a fault that persists would be found again anyway. Doubled: no
+effect. Forged: the report takes the element out of use until the operator clears it. A restart remembers all but the
+times of the faults.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from heronry_dg.model import Spec
 from heronry_wire.management import ElementKind
 
 OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: the element goes on running until a plan leaves it out
-HELD_CODE = "HOLDS"  # of one that another manager holds: it does not say which PE has reported it
+HELD_CODE = "HOLDS"  # of a fault that another manager announces, without the PE that has reported it
 _OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
 
@@ -51,7 +51,7 @@ class LatchedFaults:
         return frozenset(self._failed)
 
     def all(self) -> list[LatchedFault]:
-        """Every latched fault, the oldest first."""
+        """Give every latched fault, the oldest first."""
         return list(self._failed.values())
 
     def element(self, kind: ElementKind, index: int) -> str | None:
@@ -66,7 +66,7 @@ class LatchedFaults:
         return (_KINDS[kind], names.index(name)) if name in names else None
 
     def latch(self, fault: LatchedFault) -> bool:
-        """Latch a fault; tells whether it is kept: it is new, or says more than the operator's word."""
+        """Latch a fault; tells whether it is kept: the element was not latched, or only by the operator."""
         before = self._failed.get(fault.element)
         if before is not None and (before.code != OPERATOR_CODE or fault.code in _OF_NO_PE):
             return False

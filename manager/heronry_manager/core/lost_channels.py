@@ -1,14 +1,14 @@
-"""Channels of replicated buses that carry nothing, as this manager's own driver and the PEs report: a report, no fault.
+"""Channels of replicated buses that carry nothing, by the reports of this manager's driver and the PEs: not a fault.
 
 A bus with one channel left is a bus: no plan changes, nothing that is under way is given up, and the contingencies
-serve as before. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So this is kept
-beside the situation, for people: an event when a node loses a channel or has it back, and the nodes that lack each
-channel in `heronry status`. If all nodes on a bus lack a channel, the channel is broken; if one PE does, its own wire
-is.
+serve as before. Where both channels of a bus are gone its PEs are silent, and `health` deals with that. So lost
+channels are kept apart from the situation, for the operator: an event reports when a node loses a channel or has it
+back, and `heronry status` lists the nodes that lack each channel. If all nodes on a bus lack a channel, the channel is
+broken; if one PE lacks it, the wire of that PE is broken.
 
     lost    the PE has reported it (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
-    well    the PE has reported it (CHANNEL_BACK), or has reported nothing for so long; or the manager's driver reports
-            it, where the channel is lacking to the manager itself
+    well    the PE has reported CHANNEL_BACK, or no loss for that long. For its own channels the manager takes the word
+            of its driver
 
 Lost: a report is repeated every second. Late or doubled: no effect. Forged: a false line in the status, for three
 seconds. A manager that restarts, or takes over, knows the channels within a second. A report that names what the spec
@@ -32,7 +32,7 @@ class LostChannels:
         self._own: frozenset[str] = frozenset()
 
     def own(self, channels: frozenset[int]) -> None:
-        """Take from the driver which channels of the manager's bus carry nothing here."""
+        """Take the driver's report: the channels of the manager's bus on which this manager hears nothing."""
         before, self._own = self._own, frozenset(f"{self._spec.manager.bus}.{number}" for number in channels)
         for channel in sorted(self._own - before):
             self._turn.emit("channel_lost", channel=channel, by=OWN)

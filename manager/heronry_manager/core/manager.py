@@ -81,7 +81,7 @@ class ManagerCore:
         standby: bool = False,
         tells_departures: bool = False,
     ) -> None:
-        """Start listening at `now_ns` with what is remembered of this spec; `ManagerSettings` has the rest.
+        """Start listening at `now_ns` with what is remembered of this spec; `ManagerSettings` explains the options.
 
         Raises NoTermError where all terms have been used.
         """
@@ -119,16 +119,16 @@ class ManagerCore:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager commands, or, where it only advises, would."""
+        """Tell whether this manager is active; one that only advises counts as active while it would command."""
         return self._claim.is_active
 
     @property
     def term(self) -> int:
-        """Number of its mastership, the present or the last one."""
+        """Number of this manager's present or last mastership."""
         return self._turn.term
 
     def hears(self, identifier: int) -> bool:
-        """Tell whether frames of an identifier mean anything here; a driver need not hand over the others."""
+        """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
         return self._inbound.hears(identifier)
 
     def step(self, now_ns: int, event: ManagerEvent) -> list[ManagerAction]:
@@ -203,7 +203,7 @@ class ManagerCore:
             self._replanning.tick()
 
     def _accept(self, said: OperatorSaid) -> Reply:
-        """Execute an operator's order, if it can be executed, which is from the start of a term on."""
+        """Execute an operator's order; before the start of a term only the status is given."""
         if isinstance(said.order, AskStatus):
             return Reply(said.number, done=True, sentence="", status=self.status())
         if self._claim.state is Mastership.STANDBY:

@@ -1,20 +1,20 @@
 """Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
 
-    LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start. Also, and until some
-                PE is heard again, a manager that was active and hears no PE any more: its receiver has failed, or its
-                wire is broken, and what it would still send could only take things away from PEs that hear it. The same
-                holds for a manager that most PEs refuse: they are heard, and report that they hear no LEASE, because
-                they know of a higher term; it listens for twice as long after each refusal. The next term may be high
-                enough; where two are not, the journal that knew them may be lost, and once in its life a manager skips
-                many terms
+    LISTENING   for T_lease after its start: a LEASE means that another manager is active, and this one does not start.
+                A manager that was active and hears no PE any more listens until it hears one again: its receiver has
+                failed, or its wire is broken, and its commands could only take things away from PEs that hear them. A
+                manager that most PEs refuse listens as well: they report that they hear no LEASE, because they know of
+                a higher term. It listens for twice as long after each refusal. Its next term may be high enough. After
+                two refusals in a row the journal that knew the higher terms may be lost: once in its life a manager
+                then skips many terms
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
-    REIGNING    it is active, and has requested its first plan: everything else
+    REIGNING    it is active, and has requested its first plan: normal operation
     STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
     RETIRED     another manager is active, and this one was started without `standby`: silent for ever
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
-Manager 127 also stands by where it hears no manager at its start, for a while (`following`), so that 126 goes first. A
+Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. A
 manager that hears a LEASE of its own number and term has a double, which was started by mistake: the one that hears the
 other first gives way. A manager that only advises gives way to none, and sends nothing.
 
@@ -106,7 +106,7 @@ class Claim:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager commands, or, where it only advises, would."""
+        """Tell whether this manager is active; one that only advises counts as active while it would command."""
         return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
@@ -124,14 +124,14 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """Note a PE's frame while listening; tells whether this manager was silent, and now listens for T_lease."""
+        """Note a PE's frame while listening; tells whether it ends a silence: the manager then listens for T_lease."""
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
         return True
 
     def learns_for(self, leases: int) -> None:
-        """Listen for so many times T_lease from now on, to advise beside another manager that is active."""
+        """Listen for `leases` times T_lease from now on, before this manager advises beside an active one."""
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
@@ -167,7 +167,7 @@ class Claim:
         return is_first
 
     def is_refused(self, *, most_hear_none: bool) -> bool:
-        """Tell whether most PEs have reported for long that they hear no LEASE, though this manager sends it."""
+        """Tell whether most PEs have reported for long enough that they hear no LEASE, though this manager sends it."""
         now_ns = self._turn.now_ns
         if not most_hear_none:
             self._refused_since_ns, self._refusals = None, 0
@@ -188,7 +188,7 @@ class Claim:
     def gives_way_to(self, node: int, lease: Lease) -> bool:
         """Take a LEASE of another manager; tells whether this one stands by for it from now on. It may end instead."""
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
-        is_double = node == self._settings.node and lease.term == term  # its own frames do not come in
+        is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames
         if not (is_listening or is_double or lease.term > term):
             return False
         if not self._settings.standby:

@@ -5,13 +5,13 @@ The core keeps its memory by giving out every change of it as a record (`Keep`):
 
 Two kinds of things are remembered:
 
-    numbers   the last term, and for every kind of number that must never be used twice (epochs, counters) the last one
-              *reserved*: numbers are taken in blocks, so that the disk is written once per block. They are on disk
-              before the first frame that uses them, and whatever else is lost, they only rise
+    numbers   the last term, and the last *reserved* number of every kind that must never be used twice (epochs,
+              counters). Numbers are reserved in blocks, so that the disk is written once per block. A reservation is on
+              disk before the first frame that uses it: numbers only rise, whatever else is lost
     facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase and
               the last request of each PE for one, latched faults (those the operator ordered among them), and which PEs
-              are quarantined. They are written after the command: the PEs are the truth, and a fact too old costs an
-              epoch
+              are quarantined. Facts are written after the command: the PEs report what runs, and an outdated fact costs
+              one epoch
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """
@@ -76,7 +76,7 @@ class Latched:
 
 @dataclass(frozen=True, slots=True)
 class Cleared:
-    """An element counts as well again."""
+    """An element no longer counts as failed."""
 
     element: str
 
@@ -150,7 +150,7 @@ class Memory:
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
     def numbers(self) -> "Memory":
-        """Give what a manager of another spec may keep of it: the numbers alone."""
+        """Give the part that stays valid under another spec: the numbers alone."""
         return Memory(self.term, self.reserved)
 
 

@@ -7,16 +7,16 @@ The spec's first phase is the initial one. It is changed by
     a phase's rule  to a later phase of the spec only; the same holds for a request that a PE makes again in a new
                     mastership, after another manager has acknowledged it
 
-Any change has the consequences of a fault: a plan for the new phase, an epoch. Of requests that come one after the
-other, each counts when it comes; so the last one heard wins, and of rules the latest phase.
+Any change has the consequences of a fault: a plan for the new phase, an epoch. Each request counts when it comes, so of
+several requests the last one wins; of several rules the one with the latest phase wins.
 
-A request is repeated until it is acknowledged and carries a number, which its PE counts as long as it lives: a request
-that comes twice is acknowledged twice and counts once, and so does one that comes after a later one. A request of an
-unavailable PE is neither acknowledged nor counted, and none is lost in a pause: the PE repeats it when it is back, or
-no longer makes it. Forged: it changes priorities, and an operator can change them back. A manager that restarts or
-takes over goes on with the phase that was entered last; the PEs make their requests again, and a manager that remembers
-their numbers, or has heard them acknowledged, knows that they were executed: what the operator has ordered since
-stands.
+A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
+request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither
+acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is back, if it still wants
+the phase. A pause of the manager loses no request. A forged request changes priorities, and the operator can change
+them back. A manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A
+manager that remembers the numbers of these requests, or has heard them acknowledged, does not execute them again: a
+later order of the operator stands.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ class MissionPhase:
         self.current = spec.initial_phase()
 
     def knows(self, index: int) -> bool:
-        """Tell whether the spec has a phase of this index."""
+        """Tell whether the spec has a phase with this index."""
         return index < len(self._order)
 
     def remember(self, requests: Mapping[str, tuple[int, int]]) -> None:

@@ -5,8 +5,8 @@
     epochs   in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second one
              from there on. So two managers that are active on both sides of a broken bus use no number twice either
 
-An epoch is also newer than any that a PE was seen to run, and than what is remembered to run: a silent PE may hear and
-drive as before, and accepts nothing older. A block is reserved (`memory`) before its first number is used: a manager
+A new epoch is also newer than every epoch that a PE was seen to run, and than the remembered one: a silent PE may still
+hear and drive, and accepts nothing older. A block is reserved (`memory`) before its first number is used: a manager
 that restarts goes on behind all numbers that it may have used. Epochs are counted modulo 2^16 (`is_newer`).
 """
 

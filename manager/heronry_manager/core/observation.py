@@ -1,8 +1,8 @@
-"""What each PE reports that it runs, and nothing else: observed, never commanded.
+"""The epoch that each PE reports to run: observed, never commanded.
 
-A state that is lost is made up for by the next one, and one that comes twice has no effect; nor has one that comes
-late, from a gateway. After a pause of the manager states are taken in the order in which they came, and the last one
-counts. A PE may still run what it reported last before it was lost: its epoch is kept (`newest_epoch`).
+The next state makes up for a lost one. A state that comes twice, or late from a gateway, has no effect. After a pause
+of the manager, states are taken in the order in which they came, and the last one counts. A lost PE may still run the
+epoch that it reported last, so that epoch is kept (`newest_epoch`).
 """
 
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from heronry_wire.management import NO_EPOCH, newest_epoch
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
-_MOST_LATE = 8  # pages 0: a page that is further behind is new, after a silence
+_MOST_LATE = 8  # pages 0; a page that is further behind is a new one after a silence
 
 
 @dataclass(slots=True)
@@ -55,11 +55,11 @@ class Observations:
         return seen
 
     def joined(self, pe: str) -> None:
-        """Note that a PE is available again: it has been given nothing yet."""
+        """Note that a PE is available again: this manager has not configured it yet."""
         self.of[pe].configured = False
 
     def lost(self, pe: str) -> None:
-        """Forget what a PE reported, which is no longer available, but for its epoch."""
+        """Forget the reports of a PE that is no longer available, except for its epoch."""
         self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
         self.of[pe] = Observed()
 

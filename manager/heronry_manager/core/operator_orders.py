@@ -1,21 +1,21 @@
-"""What the operator may order a manager to do in flight, and what it answers: one sentence each.
+"""The orders that an operator may give to a manager in flight, and the sentence that answers each.
 
     phase NAME       another mission phase, any of the spec's
-    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. Not the
-                     manager's own bus, and no channel, without which the plan would be the same
-    clear ELEMENT    the element counts as well again: a latched fault ends, a PE leaves its quarantine, a PE that was
-                     failed may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what
-                     is still wrong is reported immediately; if that frame is lost, it costs a second (a standby
-                     manager: some beats)
+    fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. The manager
+                     refuses its own bus, and channels, since a plan without a channel would be the same
+    clear ELEMENT    the element no longer counts as failed: its latched fault ends, a PE leaves its quarantine, and a
+                     PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
+                     every PE, so that a PE reports a fault that persists immediately. If that frame is lost, a PE
+                     reports it a second later, and a standby manager learns of the clearing some beats later
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
-                     if it is lost, the order has to be given again
+                     if it is lost, the operator has to give the order again
 
-To a manager that only advises, all but the last is a supposition: it tells what it would do then.
+A manager that only advises takes all orders but the last as suppositions: it reports what it would do then.
 
-What follows from an order is given back (`Outcome`), and is done in this order: what follows from the changed
-situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has been carried
-out: the plan and the epoch follow, and the status shows them. An order that is given twice changes nothing the second
-time. The part that delivers orders decides which callers may give them.
+The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
+the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has
+been carried out: the plan and the epoch follow, and the status shows them. An order that is given twice has no effect
+the second time. The part that delivers orders decides which callers may give them.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ _ONLY_ADVISES = "this manager only advises: give the order to the active manager
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What follows from an order, and the sentence that answers it."""
+    """The consequences of an order, and the sentence that answers it."""
 
     done: bool
     sentence: str
@@ -53,7 +53,7 @@ class OperatorOrders:
         self._turn, self._known = turn, known
 
     def accept(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
-        """Carry out an order; one that names nothing in the spec is refused, with a sentence that lists what it has."""
+        """Carry out an order; refuse one whose name is not in the spec, with a sentence that lists the spec's names."""
         try:
             match order:
                 case EnterPhase(phase):
@@ -81,7 +81,7 @@ class OperatorOrders:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
             return Outcome(False, f"{why}: name what has failed on it")
         if element.startswith("channel:"):
-            why = f"{element} is one of several that carry the same, and a plan without it would be no other"
+            why = f"{element} is one of several channels with the same frames, so no plan would change"
             return Outcome(False, f"{why}: name the bus if all of them have failed")
         if element in situation.failed.elements:
             return Outcome(True, f"{element} counts as failed already")
@@ -92,12 +92,12 @@ class OperatorOrders:
     def _clear(self, element: str) -> Outcome:
         changes = self._known.situation.clear(element, OPERATOR)
         if changes is None:
-            sentence = f"nothing is latched on {element}, and it is in no quarantine: see 'heronry status'"
+            sentence = f"no fault is latched on {element}, and it is not in quarantine: see 'heronry status'"
             return Outcome(False, sentence)
         place = self._known.situation.failed.place(element)
         told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
-        return Outcome(True, f"{element} counts as well again; {self._what_follows(waits)}", changes, told)
+        return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _what_follows(self, where_it_commands: str) -> str:
         return _ONLY_ADVISES if self._turn.silent else where_it_commands

@@ -1,14 +1,13 @@
-"""The configuration that another manager has activated, put together from its frames: slices, read back into names.
+"""The configuration that another manager has activated, put together from the slices in its frames.
 
 PREPARE begins an epoch, SLICE heads tell which PEs have a slice in it, bodies bring the new slices, and ACTIVATE or
-LEASE tells that it runs. A body that was heard once is known by its digest for as long as there is room, and so is
-every slice of what runs: bodies that did not change are not sent again. What is put together counts only if it has the
-digest that was announced. What cannot be put together (a body was missed, or sent before this manager listened) is not
-known, and a manager that takes over then plans anew.
+LEASE shows that the epoch runs. Bodies that did not change are not sent again: this manager keeps every body that it
+has heard, and every slice of the running configuration, by digest, as long as there is room. The result counts only if
+it has the digest that was announced. If a body was missed, or sent before this manager listened, the configuration is
+not known, and a manager that takes over then plans anew.
 
 A contingency that PREPARE calls by its number (protocol rule 5) is looked up in this manager's own file: no slice of it
-is sent. It counts if it has the digest beside the number, which it has not where the other manager flies with another
-file.
+is sent. It counts if its digest is the one in PREPARE; if it is not, the other manager uses another file.
 """
 
 from collections import OrderedDict
@@ -38,7 +37,7 @@ _SLICES_KEPT = 512
 
 
 class Overheard:
-    """Follows one manager's epochs, and remembers the one that runs."""
+    """Follows one manager's epochs, and remembers the configuration that runs."""
 
     def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
         """`on_board`: the configurations that can be called by a number; None: there are none."""
@@ -59,7 +58,7 @@ class Overheard:
         prepared = self._prepared
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) == self._activated_as:
-                pass  # for a PE that comes late to what runs, while the next epoch may be prepared
+                pass  # for a late PE in the running epoch, while the next epoch may be prepared
             case Prepare() if prepared is None or (prepared.epoch, prepared.digest) != (message.epoch, message.digest):
                 self._prepared, self._heads, self._bodies = message, {}, {}
             case SliceHead(node, epoch_low) if prepared is not None and epoch_low == prepared.epoch & 0xFF:
@@ -99,14 +98,14 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """Give the configuration that PREPARE has called by its number, if this manager's file has the same."""
+        """Give the configuration that PREPARE has called by its number, if this manager's file holds the same one."""
         if self._on_board is None or self._prepared is None:
             return None
         called = self._on_board.configuration(self._prepared.contingency)
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """Give the configuration that the slices make, if each is known and they are of this spec; else None."""
+        """Give the configuration that the slices make; None if a slice is not known, or not of this spec."""
         if any(head.digest not in self._known for head in self._heads.values()):
             return None
         try:
@@ -135,7 +134,7 @@ class _Names:
         }
 
     def configuration(self, bodies: Mapping[int, bytes]) -> Configuration:
-        """Put slices by node together; raises SliceError or LookupError where they are not of this spec."""
+        """Put slices together, by node; raises SliceError or LookupError if they are not of this spec."""
         slices = {node: decode_slice(body, self._leaves) for node, body in bodies.items()}
         modes = {
             one.module: list(self._modules[one.module].modes.values())[one.mode]

@@ -1,15 +1,15 @@
-"""What a PE reports of itself, once it is decoded and believed: its state, a page at a time, and its EMCYs.
+"""The reports of PEs, once they are decoded and believed: the pages of a state, and EMCYs.
 
-    page 0    the PE lives, and runs this: for `health`, `following` and `deployment`, in this order. Where it runs what
-              it must not, or a newer epoch than there is, a plan is needed
-    page 1    without a key: the PE lives; how far it is with the epoch that is being prepared
-    page 2    with a key: the PE asks for a session, and gets its answer if this manager is active
-    page 3    nothing but what `authenticity` takes from it
-    EMCY      a fault, or a request for a phase. Only an active manager takes it in, and acknowledges it: until then the
-              PE repeats it. An EMCY of a reset adds nothing, since the incarnation of the PE tells it
+    page 0    the PE lives, and runs this epoch: for `health`, `following` and `deployment`, in this order. If the PE
+              runs what it must not, or an epoch newer than this manager's, a plan is needed
+    page 1    without a key: the PE lives. Always: how far the PE is with the epoch that is being prepared
+    page 2    with a key: the PE requests a session, which this manager opens if it is active
+    page 3    only `authenticity` uses it
+    EMCY      a fault, or a request for a phase. Only an active manager takes and acknowledges an EMCY; the PE repeats
+              it until then. An EMCY that reports a reset has no effect, since the incarnation of the PE shows the reset
 
-A page that cannot be decoded has no effect. A manager that has fallen silent forgets what it knew with the first page
-that it hears, and listens anew.
+A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets all
+but its memory, and listens for T_lease.
 """
 
 from heronry_manager.core.beat import Beat
@@ -26,7 +26,7 @@ from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, S
 
 
 class PeReports:
-    """Takes in what PEs report."""
+    """Hands the reports of PEs to the parts that they concern."""
 
     def __init__(
         self,
@@ -46,8 +46,8 @@ class PeReports:
         """Take a page of a PE's state; None: one that is not believed."""
         if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
             self._known.begin()
-            if self._settings.key is None:  # with one no PE can be believed before this manager is active
-                self._known.health.in_flight(self._turn.now_ns)  # a PE that was down before need not be waited for
+            if self._settings.key is None:  # with a key no PE can be believed before this manager is active
+                self._known.health.in_flight(self._turn.now_ns)  # do not wait for PEs that were down before
         match page:
             case StatePage0():
                 self._page_0(pe, page)
@@ -63,7 +63,7 @@ class PeReports:
                 pass
 
     def unproven(self, pe: str, page: StatePage0) -> None:
-        """Take a page 0 that is not believed: the PE lives, and reports whether it hears a manager."""
+        """Take a page 0 that is not believed: it may still show that the PE lives, and whether it hears a manager."""
         self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
         self._known.following.state(pe, page, is_proven=False)
 
@@ -94,13 +94,13 @@ class PeReports:
         if emergency.kind is not ElementKind.PHASE:
             changes = self._known.situation.reported(pe, emergency)
         elif self._settings.advise and self._known.following.hears_lease():
-            return  # the active manager announces what follows from it
+            return  # the active manager announces the phase
         else:
             changes = self._known.situation.requested(pe, emergency)
         if changes is None:
             return
         self._reactions.take(changes)
-        if emergency.kind is ElementKind.PHASE:  # once it is acknowledged only managers know of it
+        if emergency.kind is ElementKind.PHASE:  # the PE forgets an acknowledged request
             self._beat.tell_phase()
         node = self._settings.spec.pes[pe].node_id
         told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, *emergency.acknowledgement)

@@ -1,24 +1,24 @@
-"""Requests for plans: one counts at a time, the latest, and the causes of it are kept.
+"""Requests for plans: only the latest one counts, and its causes are kept.
 
     idle      no answer is awaited
-    waiting   RequestPlan is out; PlanReady or PlanFailed with its number ends that, any older number is dropped
-    again     the planner has failed: the same request is made again after PLAN_AGAIN_NS, or before that if the
-              situation changes; until then what runs goes on
+    waiting   RequestPlan is out. PlanReady or PlanFailed with its number ends the state; an answer with an older number
+              is dropped
+    again     the planner has failed: the core repeats the request after PLAN_AGAIN_NS, or earlier if the situation
+              changes. Until then the running configuration goes on
 
-*In the background.* A plan that was made immediately may not be the best. Once it runs everywhere and nothing else is
-under way, the best plan is requested, with what runs now as what to keep to; so the answer can be compared, and there
-is one request only for each situation. The plan is taken if it is better at levels 1 to 3 of the objective. Those rank
-above the number of changes (level 4): they are worth interrupting a module for, and what ranks below is not. After a
-failure there is no second request. No plan is swapped while it is being deployed: that would restart a half-done
-change, for a plan that did not know of it.
+*In the background.* An immediate plan may not be the best one. Once it runs everywhere and nothing else is under way,
+the core requests the optimal plan, with as few changes to the running configuration as possible. There is one such
+request for each situation. The core takes the answer if it is better at levels 1 to 3 of the objective: these rank
+above the number of changes (level 4), so they are worth interrupting a module, and the lower levels are not. After a
+failure there is no second request. The core replaces no plan while it is being deployed: that would restart a half-done
+change, for a plan that was made before it.
 
-An answer that never comes blocks nothing: the next change of the situation leads to a new request. An answer that comes
-twice is dropped.
+A lost answer blocks nothing: the next change of the situation leads to a new request. An answer that comes twice is
+dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: what is wrong then is found out again. A mastership that begins while every PE is held down makes a
-request without a cause; the mastership itself is then the cause. So a reader of the events never meets a change without
-one.
+forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, its first
+request has no cause but the mastership itself. So every change in the events has a cause.
 """
 
 from heronry_dg.objective import Placement
@@ -29,8 +29,8 @@ from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_wire.protocol_times import PLAN_AGAIN_NS
 
-_IN_BACKGROUND = "a better plan"  # cause of what follows from a request in the background
-_FIRST = "a mastership begins"  # and no PE is available: else a PE that joined is the cause
+_IN_BACKGROUND = "a better plan"  # cause of an epoch that follows from a request in the background
+_FIRST = "a mastership begins"  # the cause if no PE is available; else a PE that joined is the cause
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
@@ -41,7 +41,7 @@ class Planning:
         self._turn = turn
         self._request = 0
         self.waiting = False
-        self.in_background = False  # whether the last request was
+        self.in_background = False  # whether the last request was one in the background
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
 
@@ -78,7 +78,7 @@ class Planning:
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
     def failed(self, answer: PlanFailed) -> bool:
-        """Tell whether the request that counts has failed; one in the background is given up by that."""
+        """Tell whether this answer ends the present request without a plan; a background request is then given up."""
         if answer.request != self._request or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
@@ -86,7 +86,7 @@ class Planning:
         return True
 
     def awaits(self, answer: PlanReady) -> bool:
-        """Tell whether a plan answers the request that counts; it does so once."""
+        """Tell whether a plan answers the present request, which has not been answered yet."""
         return answer.request == self._request and self.waiting
 
     def takes(self, answer: PlanReady) -> None:
@@ -96,7 +96,7 @@ class Planning:
         self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
-        """Tell whether a plan is not good enough to take the place of what runs; then the request is settled."""
+        """Tell whether the running plan stays, as a background answer is not better; that ends the request."""
         if running is None or not self.in_background or _is_better(answer.plan, running):
             return False
         self.waiting = False
@@ -105,12 +105,12 @@ class Planning:
         return True
 
     def ask_in_background(self, now: Situation, running: Placement) -> None:
-        """Request the best plan, in place of one that was made immediately and runs now."""
+        """Request the optimal plan for this situation, to replace the immediate plan that runs now."""
         self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
         self.ask(now, running, in_background=True)
 
     def forget(self) -> None:
-        """Drop what is awaited and its causes: another manager plans now."""
+        """Drop the present request and its causes: another manager plans now."""
         self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
 

@@ -1,45 +1,47 @@
-"""Which planner answers a request for a plan, and what is planned ahead: one policy, wherever a manager flies.
+"""The policy that chooses a planner for each request, and pre-plans the next faults: the same in flight and simulator.
 
 The manager's core requests plans (`RequestPlan`), and reports when a configuration runs and nothing is under way
-(`Settled`). The policy answers, or names the planner to be asked; its driver carries the request there and the answer
-back. The driver is the manager's shell, between processes, or the simulator, in virtual time.
+(`Settled`). The policy answers a request itself, or names the planner that must answer; then the driver carries the
+request there and the answer back. The driver is the manager's shell, between processes, or the simulator, in virtual
+time.
 
-A request is *immediate*, while something that flies waits for the answer, or *in the background*: the first
-configuration of an active manager, which interrupts nothing, and the better plan that the core requests once what was
-answered immediately runs. Where a plan comes from, in this order:
+A request is *immediate* if a running configuration must be replaced. It is *in the background* for the first
+configuration of an active manager, which interrupts nothing, and for the optimal plan that the core requests once an
+immediate plan runs. The sources of a plan, in this order:
 
-    contingencies   made before the flight for these faults, this phase and what runs (`contingency.look_up`)
-    pre-planned     made in flight for just this, before it happened
-    planner         background requests alone: the exact planner, in its own time
-    immediate       the greedy planner, here and now, checked by the verifier (`heronry_dg.verify`)
+    contingencies   made before the flight for these faults, this phase and the running configuration
+                    (`contingency.look_up`)
+    pre-planned     made in flight for exactly this situation, before it happened
+    planner         only for background requests: the exact planner, in its own process
+    immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
 
-If the verifier refuses a greedy plan, the planner is asked in its place; where there is none, the request fails.
-Without a solver there is no planner and nothing is pre-planned: the greedy planner answers everything. Without an
-immediate planner, which is how simulated flights leave its plans out, the planner is asked everything.
+If the verifier refuses a greedy plan, the exact planner answers instead; if there is none, the request fails. Without a
+solver there is no exact planner and nothing is pre-planned: the greedy planner answers everything. Without an immediate
+planner the exact planner answers everything: simulated flights may leave out the greedy planner.
 
-*Pre-planning.* When a configuration has settled, the questions ahead are: each PE lost that is up, each PE back that is
-down, the next mission phase. The policy gives them one after the other to the *pre-planner*, another process, which
-runs with a lower priority than all others. Faults of devices and modules, and pairs of faults, are left to the
-contingencies; what these answer is not pre-planned. A pre-made plan is kept under all that it depends on (`Question`),
-so a stale one is never found. What was made for another configuration is forgotten when the next one settles.
+*Pre-planning.* When a configuration has settled, the questions ahead are: the loss of each PE that is up, the return of
+each PE that is down, and the next mission phase. The policy gives them one after the other to the *pre-planner*,
+another process, which runs with a lower priority than all others. Faults of devices and modules, and pairs of faults,
+are left to the contingencies; a question that a contingency answers is not pre-planned. A pre-planned plan is kept
+under all that it depends on (`Question`), so it is never used in another situation. Plans for another configuration are
+forgotten when the next one settles.
 
-    pre-planner   idle       `PrePlan` never went out, or is answered: the next question goes out immediately, if one is
-                  left
-                  planning   `PrePlan` is out; ends with PrePlannerAnswered of its number
+    pre-planner   idle       no `PrePlan` is unanswered: the next question goes out immediately, if one is left planning
+                  `PrePlan` is out; ends with PrePlannerAnswered of its number
 
-The core requests and settles, the processes answer; nothing else changes the state here. What may go wrong with an
-answer:
+Only the core's requests and reports and the processes' answers change the state here. What may go wrong with an answer:
 
-    late        The planner's is handed on: the core knows which request counts, and drops what answers an older one.
-                The pre-planner's is kept under its own question until another configuration settles.
-    doubled     Nothing waits for it any more: it is dropped.
-    lost        The core requests anew when the situation changes, and has an immediate answer meanwhile. After a loss
-                of the pre-planner's nothing more is pre-planned. A client whose process ends answers for it with a
+    late        An answer of the planner is handed on: the core drops it if its request is no longer the present one. An
+                answer of the pre-planner is kept under its question until another configuration settles.
+    doubled     The second answer is dropped.
+    lost        The core requests anew when the situation changes, and runs an immediate plan meanwhile. If an answer of
+                the pre-planner is lost, nothing more is pre-planned. When a process ends, its client answers with a
                 failure.
-    a failure   The core decides what follows from the planner's (`planning`). The pre-planner's question is left out.
+    a failure   The core decides what follows from a failure of the planner (`planning`). A question on which the
+                pre-planner fails is left out.
 
-A restart forgets everything here; what is ahead is pre-planned anew once a configuration runs. The policy knows no
-time: nothing limits how long the planner may take for a request.
+A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy knows no time: nothing
+limits how long the planner may take for a request.
 """
 
 from collections import deque
@@ -102,7 +104,7 @@ class PrePlannerAnswered:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Hand this answer to the core."""
+    """Instruction to the driver: hand this answer to the core."""
 
     answer: PlanReady | PlanFailed
     source: Source
@@ -110,7 +112,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class AskPlanner:
-    """Ask the planner's process; answer with PlannerAnswered. `refusal`: why the verifier refused the greedy plan."""
+    """Instruction: ask the planner's process. `refusal`: why the verifier refused the greedy plan, if it did."""
 
     request: RequestPlan
     refusal: Violation | None = None
@@ -118,7 +120,7 @@ class AskPlanner:
 
 @dataclass(frozen=True, slots=True)
 class PrePlan:
-    """Ask the pre-planner's process, which is idle; answer with PrePlannerAnswered and the number."""
+    """Instruction: ask the pre-planner's process, which is idle; its answer has the same number."""
 
     number: int
     question: Question
@@ -140,7 +142,7 @@ class PlanningPolicy:
         has_planner: bool,
         contingencies: ContingencyTable | None = None,
     ) -> None:
-        """`has_planner`: there is a solver, and so a process to ask, and another one to pre-plan; else `immediate`."""
+        """`has_planner`: a solver, and so a planner and a pre-planner; if False, `immediate` must be given."""
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
@@ -188,7 +190,7 @@ class PlanningPolicy:
         return self._plan_at_once(self._immediate, request)
 
     def _made_before(self, request: RequestPlan) -> Plan | None:
-        """Find the plan of a contingency; these are made for situations without limits. None: there is none."""
+        """Find the plan of a contingency; None: there is none, or a radio is limited (contingencies assume none)."""
         if self._contingencies is None or request.now.limits:
             return None
         return self._contingencies.plan(request.now.down, request.now.phase, request.running)
@@ -250,6 +252,6 @@ class PlanningPolicy:
         if self._in_pre_planning is None or self._in_pre_planning.number != number:
             return
         if plan is not None:
-            plan.report.work_out()  # while there is time
+            plan.report.work_out()  # now, rather than when the plan is needed
             self._pre_planned[self._in_pre_planning.question] = plan
         self._in_pre_planning = None

@@ -1,19 +1,18 @@
-"""How much of each radio may be planned with, as its gateway reports it: less of it is a fault with a number.
+"""The share of each radio's bandwidth that plans may use, from the reports of its gateway.
 
 A report is noisy, and a plan must not follow noise. So there are steps, and plans use one of them:
 
-    falls    to the largest step that is not above what was reported, once two reports in a row are a tenth below the
-             present step: immediately, since queues grow meanwhile
+    falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are a tenth
+             below the present step, since queues grow meanwhile
     rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
-             twice as many with each fall (up to four times), anew once no fall has come for a minute
-    gone     the gateway hears nothing from beyond: all PEs there are lost together. From then on, and from the start,
-             until some PE beyond is available again, each report sets the step directly: no PE can be interrupted, and
-             a PE that returns finds a plan that fits the radio
+             doubled with each fall (up to four times as long), and ten again after a minute without a fall
+    gone     the gateway hears nothing from beyond: all PEs there are lost together. Until some PE beyond is available
+             again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE that
+             returns gets a plan that fits the radio
 
-Lost: the next report says the same. Late or doubled: its sequence tells, and it is dropped. From another node than the
-gateway: dropped. Forged: see `heronry_wire.gateway_report`. A gateway that is silent says nothing about its radio: the
-step stays, and the heartbeats tell which PEs beyond are lost. A restart forgets all of it, and the next report tells it
-anew.
+Lost: the next report says the same. Late or doubled: dropped, by its sequence number. From another node than the
+gateway: dropped. Forged: see `heronry_wire.gateway_report`. While a gateway is silent the step of its radio stays, and
+the heartbeats show which PEs beyond are lost. A restart forgets everything here until the next report.
 """
 
 from collections.abc import Mapping
@@ -27,7 +26,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
-_LATE = 8  # reports: fewer behind the last one, a report is late; more, the gateway has started anew
+_LATE = 8  # a report fewer than this behind the last one is late; else the gateway has restarted
 MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
@@ -47,7 +46,7 @@ class LinkRecord:
 
     radio: Radio
     period_ns: int
-    step: int = PER_MILLE  # what is planned with
+    step: int = PER_MILLE  # the share that plans use, in thousandths
     gone: bool = False
     settling: bool = True  # no PE beyond has been available since the start, or since it was gone
     report: LinkReport | None = None
@@ -65,7 +64,7 @@ class LinkRecord:
         return behind >= _LATE
 
     def hold_down_ns(self) -> int:
-        """How long more bandwidth must last before plans use it, in nanoseconds."""
+        """Give how long an increase of bandwidth must last before plans use it, in nanoseconds."""
         return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
 
 
@@ -79,12 +78,12 @@ class RadioLinks:
         self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
 
     def limits(self) -> Mapping[str, Fraction]:
-        """Share of each radio that may be planned with, where that is not all of it."""
+        """Give the share of each radio that plans may use, where it is less than all."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
     def restarted(self, gateway: str) -> None:
-        """Note that a gateway was away: it may have started anew, and count its reports from the beginning."""
+        """Note that a gateway was lost: it may have restarted, and number its reports from the beginning."""
         for record in self.records.values():
             if record.radio.gateway == gateway:
                 record.report = None
@@ -112,12 +111,12 @@ class RadioLinks:
         if record.gone:
             return []
         record.gone = record.settling = True
-        record.step = PER_MILLE  # when the radio is back, the next report tells what it has left
+        record.step = PER_MILLE  # when the radio is back, the next report sets the step
         record.low, record.rising_since_ns = False, None
         return [LinkChange("gone", record.radio, 0)]
 
     def _follow(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
-        """Move the step, if it must move."""
+        """Set the step by a report, if the step must change."""
         if record.settling:
             return self._set(record, _step_below(usable))
         was_low, record.low = record.low, usable < record.step * _BELOW
@@ -152,5 +151,5 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Largest step that is not above what can be used; all but a tenth counts as all."""
+    """Give the largest step that is not above the usable share; nine tenths of the whole count as the whole."""
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

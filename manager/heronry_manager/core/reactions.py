@@ -1,17 +1,17 @@
-"""What follows when something has changed: for the available PEs, for what they drive, and for the plan.
+"""The consequences of a change: for the available PEs, for what they may drive, and for the plan.
 
-The parts that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. Here each one is
-acted on, one after the other, in the order in which they came:
+The parts that notice a change (`health`, `known_situation`, `deployment`) only report it, as a value. This part acts on
+each change, in the order in which they came:
 
     suspected                    the manager sends the PE a PING
-    lost, rebooted, failed       ALIVE leaves the PE out immediately, what it may still drive is counted (`exclusion`),
-                                 its part in the epochs ends, and a plan without it is needed
+    lost, rebooted, failed       ALIVE leaves the PE out immediately, `exclusion` works out until when it may still
+                                 drive outputs, epochs no longer wait for it, and a plan without it is needed
     absent, joined               a plan is needed
-    answered, heard again        nothing but an event: the PE is still available, or not yet
+    answered, heard again        only an event: the PE is still available, or not yet
     any other                    as `known_situation` says
 
-A PE that does not do what it was commanded is failed, with the cause in words. Late, doubled: the same change does not
-come twice, since `health` and `known_situation` change state once.
+A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
+`known_situation` change state once.
 """
 
 from collections.abc import Iterable
@@ -48,7 +48,7 @@ class Reactions:
                         self._known.deployment.stopped(module)
 
     def fail(self, pe: str, cause: str) -> None:
-        """Fail a PE that sends, for this cause."""
+        """Fail a PE although it sends, for this cause."""
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
     def discount_losses(self) -> None:
@@ -85,7 +85,7 @@ class Reactions:
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:
-        """Act on the loss of a PE, which is no longer available."""
+        """Act on the loss of a PE."""
         pe, last, known = change.pe, change.last_heard_ns, self._known
         if change.change is Change.REBOOTED:
             known.exclusion.rebooted(pe)

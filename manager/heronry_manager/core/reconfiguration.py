@@ -1,29 +1,30 @@
 """One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (protocol rule 4).
 
     PREPARING   PREPARE and the slices are out; every awaited PE must report that it has staged this epoch's digest
-    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must report BROKEN, and the identifiers of PEs
-                that were given up although they send must have run out
+    BREAKING    ACTIVATE(BREAK) is out; PEs that give up something exclusive must report BROKEN, and unavailable PEs
+                must have stopped sending under the identifiers that are placed elsewhere
     GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must report ACTIVE
     HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
     DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later is still served)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after a
-heartbeat period (no answer takes so long where nothing is lost: `reconfiguration_bound` sees to that), then half as
-often each time: a lost frame costs little, a doubled one nothing, and a slow PE is not flooded. A PE that owes an
-answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way
-back, only on to a newer epoch.
+A step is skipped when there is nothing to wait for. Every message is repeated until it is acknowledged, first after a
+heartbeat period (without losses no answer takes so long: `reconfiguration_bound` checks that), then half as often each
+time. A lost frame costs little, a doubled one nothing, and a slow PE is not flooded. A PE that owes an answer for
+PATIENCE_PERIODS is overdue; the core fails it and plans without it. After the first ACTIVATE only a newer epoch can
+follow.
 
 *Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio is served as well, but the epoch
-does not wait for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
+does not wait for it, unless that PE must break first: an aircraft never depends on the ground. The PE catches up by
+LEASE.
 
-A configuration that is on board (protocol rule 5) is called by its number, in PREPARE. A PE that holds it needs no more
-than that. A PE that reports that it does not hold it (NOT_ON_BOARD), or is known not to, gets its slice as usual.
+PREPARE calls a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration needs
+no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
 
-Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager all
-frames that waited are taken before any patience is held to have run out (`driver`). A restart knows nothing of an epoch
-on its way: a PE that has taken a step of it reports so, and the next mastership adopts what is clean, or opens another
-epoch.
+Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager, the
+driver hands over all waiting frames before any PE counts as overdue (`driver`). A manager that restarts does not know
+an epoch that was under way. A PE that has taken a step of it reports that, and the next mastership adopts the epoch if
+all PEs run it, or opens another one.
 
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
 and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, they are repeated once in half a
@@ -101,8 +102,8 @@ class Participant:
     node: int
     period_ns: int  # of its heartbeat
     awaited: bool
-    runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unrequested
-    on_board: bool = False  # it holds this very configuration under its number
+    runs_digest: int | None  # of the slice that it is known to run: if that differs, the body is sent unrequested
+    on_board: bool = False  # its table holds this configuration under its number
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,15 +127,15 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """When to ask again, in nanoseconds: a period after the first time, later and later after that."""
+        """Give the time of the next repetition, in nanoseconds: after one heartbeat period, then 2, 4 and at most 8."""
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """Note that the PE has answered: from now on the manager waits for its next answer."""
+        """Wait for the PE's next answer from now on."""
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Tell whether the manager has waited for the same answer of this PE for as long as its patience lasts."""
+        """Tell whether the manager has waited for one answer of this PE for PATIENCE_PERIODS."""
         return now_ns >= self.since_ns + PATIENCE_PERIODS * self.participant.period_ns
 
 
@@ -164,7 +165,7 @@ class Reconfiguration:
     outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Send PREPARE, and slices where need be; an epoch that is DONE, because it was adopted, needs neither."""
+        """Send PREPARE, and slices where a PE needs one; an adopted epoch (DONE) needs neither."""
         self.step = _STEP_OF[self.stage]  # the step that LEASE repeats
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
@@ -188,7 +189,7 @@ class Reconfiguration:
 
     @property
     def configuration(self) -> Configuration:
-        """What is to run; only the proof of its plan may be replaced."""
+        """The configuration to run; it stays the same, even if its plan is replaced by one with a better proof."""
         return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
@@ -204,7 +205,7 @@ class Reconfiguration:
             self._ask(progress, now_ns)
 
     def not_on_board(self, pe: str, now_ns: int) -> None:
-        """Take page 1 of a PE that does not hold this contingency: it gets its slice, if it has not been sent that."""
+        """Take page 1 of a PE that does not hold this contingency: send its slice, unless that was sent before."""
         progress = self._progress.get(pe)
         if progress is not None and not progress.staged and not progress.needs_slice:
             progress.needs_slice = True
@@ -222,10 +223,10 @@ class Reconfiguration:
             progress.owes(now_ns)
 
     def admit(self, participant: Participant, now_ns: int) -> None:
-        """Let a PE take part from now on, after the others: it is served until it has caught up, by LEASE."""
+        """Add a late PE to the participants: it gets its slice, and follows the steps by LEASE."""
         before = self._progress.get(participant.pe)
         if before is not None and before.step is not Step.GO_ALL:
-            return  # it is being served
+            return  # it is a participant already
         progress = _Progress(participant, wants_body=self._differs(participant), needs_slice=not participant.on_board)
         self._progress[participant.pe] = self._by_node[participant.node] = progress
         self._send_prepare()
@@ -233,7 +234,7 @@ class Reconfiguration:
         self._ask(progress, now_ns)
 
     def drop(self, pe: str) -> None:
-        """Wait no more for a PE, which is no longer available."""
+        """Stop waiting for a PE that is no longer available."""
         self._progress.pop(pe, None)
         self.must_break.discard(pe)
 
@@ -242,7 +243,7 @@ class Reconfiguration:
         return all(p.staged for p in self._progress.values() if p.participant.awaited)
 
     def all_broken(self) -> bool:
-        """Tell whether every PE that loses something exclusive has stopped it."""
+        """Tell whether every PE in `must_break` has reported BROKEN, or a later step."""
         return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
 
     def all_active(self) -> bool:
@@ -259,7 +260,7 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Start all but a DEMUX that a silent PE may still drive: everything else exclusive is free."""
+        """Send GO, and GO_ALL if no DEMUX has to wait for a silent PE: everything else exclusive is free."""
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:
@@ -267,7 +268,7 @@ class Reconfiguration:
         self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
-        """Give this number up, before its first ACTIVATE: nothing of it is sent any more."""
+        """Give the epoch up before its first ACTIVATE: none of its messages is sent any more."""
         self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()
@@ -303,7 +304,7 @@ class Reconfiguration:
         return min(deadlines, default=None)
 
     def _enter(self, event: StageEvent, now_ns: int) -> None:
-        """Take a step, which every PE owes from now on."""
+        """Enter a stage, and send its step, which every PE must report from now on."""
         self._move(event)
         self._broadcast_ns = now_ns
         for progress in self._progress.values():
@@ -326,7 +327,7 @@ class Reconfiguration:
         )
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send the head of a slice, and its body if it is wanted; nothing to a PE for which PREPARE is enough."""
+        """Send a PE the head of its slice, and the body if it wants that; nothing if PREPARE is enough for it."""
         participant = progress.participant
         if not progress.needs_slice:
             progress.asked_ns = now_ns

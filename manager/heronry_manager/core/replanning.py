@@ -1,28 +1,28 @@
-"""From another situation to what runs: a plan is requested, becomes an epoch, and the epoch becomes what runs.
+"""From a changed situation to a running configuration: a plan is requested, becomes an epoch, and is deployed.
 
-    a change      what is being prepared is void (its number is abandoned), and a plan is requested: immediately, or,
-                  where this manager listens or PEs may still be starting, once that is over. A standby manager requests
-                  nothing
-    a plan        that is what runs already changes nothing; any other opens an epoch (`deployment`)
-    an epoch      that is done has taken its causes into account. Then, with nothing under way, the best plan is
-                  requested in the background, or the core reports that all has settled (`Settled`)
+    a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
+                  manager has listened and the start-up window has closed. A standby manager requests nothing
+    a plan        that runs already changes nothing; any other opens an epoch (`deployment`)
+    an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
+                  background, or the core reports that the configuration has settled (`Settled`)
 
-Desired, commanded and observed stay apart: a plan is desired; `Deployment.current` is the last epoch whose ACTIVATE
-went out; only state frames write what a PE is seen to run.
+Desired, commanded and observed stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE
+went out, is commanded; only state frames show what a PE runs.
 
-A fault while an epoch is being prepared abandons its number. A fault after the first ACTIVATE leaves the epoch standing
-(LEASE goes on repeating its step) until the next one is ready to take its place.
+A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch (LEASE
+goes on repeating its step) until the next one is ready to replace it.
 
-*What runs already.* After a restart, or a take-over, PEs go on with what they run. Where that is known it is adopted;
-and where it can stay as it is, the best plan is requested in the background, and anything else is a fault that has just
-been found. Where it is not known, a plan is requested, which may turn out to be what runs.
+*What runs already.* After a restart or a take-over, PEs go on with the configuration that they run. If the manager
+knows that configuration, it adopts it. If it can stay as it is, the optimal plan is requested in the background; if
+not, an immediate plan. If the manager does not know the configuration, it requests a plan, which may turn out to be the
+one that runs.
 
-*Advising.* The manager plans as if it were active, tells what it would do (`advice`), and takes it for done where the
-PEs are seen to do just that. Beside an active manager it takes in what that one holds and activates, as a standby
-manager does (`following`). Where PEs run what it has not overheard, and would not plan either, it reports that, and
-advises nothing.
+*Advising.* A manager that only advises plans as if it were active, reports what it would do (`advice`), and adopts an
+advised plan when the PEs run it. Beside an active manager it follows what that manager holds and activates, as a
+standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it reports
+that, and advises nothing.
 
-`planning` drops answers that are late or doubled, and makes the request again where the planner has failed.
+`planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """
 
 from heronry_dg.objective import CRITICAL_CLASSES
@@ -50,7 +50,7 @@ class Replanning:
     # The situation has changed
 
     def need(self, change: PlanNeeded) -> None:
-        """Abandon what is being prepared, and request a new plan as soon as possible."""
+        """Abandon the epoch that is being prepared, and request a new plan as soon as possible."""
         if self._claim.state is Mastership.STANDBY:
             return
         now_ns = self._turn.now_ns
@@ -61,7 +61,7 @@ class Replanning:
             self.ask()
 
     def limit(self, change: LimitChanged) -> None:
-        """Act on another limit of a radio: a plan is needed unless what runs is as good as any under it."""
+        """Act on a changed limit of a radio: request a plan, unless the running one is still the best."""
         plan = self._known.deployment.plan
         if plan is not None and self.planning.idle and self._known.situation.spares(plan):
             self._settle()
@@ -69,13 +69,13 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """Give what runs a newer epoch: a PE that hears of a newer one drives nothing exclusive (protocol rule 6)."""
+        """Open a newer epoch if this PE runs a newer one than this manager's; see *overtaken* in `deployment`."""
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
-        """Begin a term where another manager has ended, for this cause."""
+        """Request the first plan of a term that follows another manager's, for this cause."""
         self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
@@ -83,7 +83,7 @@ class Replanning:
     # Plans
 
     def ask(self) -> None:
-        """Request a plan; a term needs no first one where what runs is known."""
+        """Request a plan; a term that knows what the PEs run adopts that instead of its first request."""
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
         if is_first and self._known.deployment.adopts_remembered(self._known.situation.now(), runs):
@@ -95,7 +95,7 @@ class Replanning:
         self.planning.ask(self._known.situation.now(), self._known.deployment.running)
 
     def tick(self) -> None:
-        """Request a plan where the start-up window has just closed, or a failed request is due again."""
+        """Request a plan if the start-up window has just closed, or a failed request is due again."""
         is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
         if is_first or self.planning.is_due_again():
             self.ask()
@@ -128,7 +128,7 @@ class Replanning:
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
-        """Tell whether the PEs run a plan already; another term may have deployed just that."""
+        """Tell whether the PEs run a plan already; another term may have deployed it."""
         deployment = self._known.deployment
         may_adopt = deployment.current is None or self._settings.advise
         return deployment.runs(plan) or (may_adopt and deployment.adopts(plan))
@@ -136,14 +136,14 @@ class Replanning:
     # What runs
 
     def advance(self) -> None:
-        """Move the epochs on; the causes of one that is done are dropped."""
+        """Move the epochs on, and drop the causes of a completed one."""
         done = self._known.deployment.advance()
         if done is not None:
             self.planning.done(done.causes)
             self._settle()
 
     def look_at_what_runs(self) -> None:
-        """When advising: look at what another manager has deployed, and advise on it."""
+        """When advising: compare what the PEs run with the advice, and advise on it."""
         known = self._known
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
@@ -151,7 +151,7 @@ class Replanning:
             self._weigh()
 
     def _weigh(self) -> None:
-        """Decide on what has become known to run: where it may stay, a better plan is requested in the background."""
+        """Decide on an adopted configuration: if it may stay, settle; else request a plan now."""
         if self._may_stay() and not self.planning.waiting:
             self.planning.causes.clear()
             self._settle()
@@ -159,7 +159,7 @@ class Replanning:
             self._ask()
 
     def _may_stay(self) -> bool:
-        """Tell whether what runs can go on as it is: legal, with all that is critical, and no PE waits outside."""
+        """Tell whether the running configuration can stay: legal, with all critical functions, on all available PEs."""
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
         plan, phase = deployment.plan, situation.phase
         if plan is None or not deployment.all_available_run_it():
@@ -171,7 +171,7 @@ class Replanning:
         return not verify(spec, situation.now(), plan.configuration)
 
     def _settle(self) -> None:
-        """Report that all has settled, if nothing is under way."""
+        """If nothing is under way, request the optimal plan in the background, or report that all has settled."""
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:

@@ -1,11 +1,11 @@
-"""Modules that failed and were built anew by their PE: one event each, though the PE repeats its EMCY.
+"""Restarts of modules by their PE: one event for each restart, though the PE repeats its EMCY.
 
-    unheard    no EMCY of this module, or with another count
-    heard      this PE has sent this count of this module, and again within T_lease of its bus: no further event
+    unheard    no EMCY on this module came, or its count was another one
+    heard      the PE has sent this count for this module, and repeats it within T_lease of its bus: no further event
 
 A PE repeats the EMCY in each heartbeat period. Lost, late or doubled: there is one event. An EMCY after a gap of
-T_lease makes another event: a PE counts from one anew once it has forgiven a module, or was started anew. Forged: a
-false line in the story. A manager that restarts may repeat its last event.
+T_lease makes another event: a PE counts from one again after a module has run well for long enough, or after its own
+restart. Forged: a false event. A manager that restarts may repeat its last event.
 """
 
 from heronry_dg.model import Spec

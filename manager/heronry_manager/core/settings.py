@@ -13,13 +13,12 @@ from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 class ManagerSettings:
     """One manager of one spec.
 
-    node: 126 or 127.
-    window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds.
-    advise: it sends nothing on the bus, ever, and tells what it would do instead.
-    on_board: the configurations to which PEs that hold their part of the contingency file can be switched by number.
-    key: of the fleet; with one every command is tagged, and nothing is believed without a tag.
-    standby: it stands by while another manager is active, instead of ending.
-    tells_departures: its driver reports when an ALIVE is on the bus; else it is taken to be there immediately.
+    node: 126 or 127. window_ns: how long the manager waits for PEs that it has never heard, in nanoseconds. advise: the
+    manager never sends anything on the bus, and reports what it would do instead. on_board: the configurations to which
+    PEs that hold their part of the contingency file can be switched by number. key: of the fleet; with a key every
+    command is tagged, and the manager believes nothing without a tag. standby: the manager stands by while another one
+    is active, instead of ending. tells_departures: the driver reports when an ALIVE is on the bus; else each ALIVE
+    counts as there immediately.
     """
 
     spec: Spec
@@ -38,10 +37,10 @@ class ManagerSettings:
 
     @property
     def lease_ns(self) -> int:
-        """T_lease of that bus."""
+        """T_lease of the manager's bus, in nanoseconds."""
         return t_lease_ns(self.bus.heartbeat_ns)
 
     @property
     def goes_first(self) -> bool:
-        """Tell whether it may begin as soon as it hears no manager: 126, or the only one."""
+        """Tell whether this manager may begin as soon as it hears no other: it is 126, or has no standby."""
         return self.node == FIRST_MANAGER or not self.standby

@@ -1,4 +1,4 @@
-"""How a PE stands with the manager, and the table of all that may change it; `health` decides when.
+"""The standing of a PE with the manager, and the table of its changes; `health` decides when one happens.
 
     WAITING    never heard, the start-up window is open
     UP         heard within its period
@@ -15,7 +15,7 @@ from heronry_manager.core.transitions import TransitionTable
 
 
 class Standing(Enum):
-    """Where a PE stands."""
+    """The standing of a PE with the manager; the values are written into the status."""
 
     WAITING = "waiting"
     UP = "up"

@@ -1,4 +1,4 @@
-"""The manager's status, as plain data for `heronry status`: what the manager knows, and nothing that it only wants.
+"""The manager's status, as plain data for `heronry status`: what the manager knows, not what it plans.
 
 A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
 
@@ -6,16 +6,16 @@ A pure function of the parts of the core. The document is versioned; a later ver
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
                     or null)
     next            epoch that is being prepared, or null
-    unknown_epoch   newest epoch that PEs run, where this manager does not know what that is: then `epoch` is null; else
-                    this is, and so it is where the manager stands by
-    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands by its report)
+    unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null.
+                    Else null, also while the manager stands by
+    pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
+                    (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them)
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
-    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch;
-                    where that is not known, served, mode and value are null)
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
+                    is not known, served, mode and value are null)
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 """

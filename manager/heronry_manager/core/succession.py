@@ -1,12 +1,14 @@
-"""How one manager follows another: this file carries out what `mastership` has decided, for all parts of the core.
+"""The succession of managers: this file carries out for all parts of the core what `mastership` has decided.
 
-    begin a term     from now on the PEs know this manager; a PE that is not heard may drive on for T_lease
-    give way         another manager is active, with a higher term or first: forget all but the memory, and follow it
-    follow           a standby manager, and one that advises, takes in what the active manager sends (`following`)
-    take over        no manager is active any more, as the PEs report: begin a term with what was learnt. A PE that was
-                     available to the last, and runs what it was given, need not be held down; the manager waits for a
-                     PE that cannot be believed yet (`health`)
-    fall silent      no PE is heard, or most of them refuse this manager: forget, send nothing, listen for a PE
+    begin a term     from now on this manager commands; a PE that is not heard may go on driving its outputs for T_lease
+    give way         another manager is active, with a higher term or before this one: forget all but the memory, and
+                     follow it
+    follow           a standby or advising manager takes the commands of the active one (`following`)
+    take over        the PEs report that no manager is active any more: begin a term with what was learnt. A PE that was
+                     available to the last, and still runs its configuration, is not held down; the manager waits for a
+                     PE that it cannot believe yet (`health`)
+    fall silent      no PE is heard, or most PEs refuse this manager: forget all but the memory, send nothing, and
+                     listen for a PE
 
 Lost, late, doubled, forged: see `mastership` and `following`.
 """
@@ -91,14 +93,14 @@ class Succession:
             self._beat.begin()
 
     def take_over(self) -> None:
-        """Begin a term in the place of the manager that was followed, since none is active any more."""
+        """Begin a term as successor of the manager that was followed, since none is active any more."""
         known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
         active = filter(known.deployment.is_active, followed.available())
         inherited = known.health.inherited(active, now_ns)
         self._reactions.take(inherited)
         self.begin_term()
         for change in inherited:
-            known.exclusion.unknown(change.pe)  # this manager has not counted what the PE has taken up
+            known.exclusion.unknown(change.pe)  # this manager does not know what the PE may drive
         if not self._claim.is_active:
             return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
@@ -126,7 +128,7 @@ class Succession:
         return False
 
     def fall_silent(self) -> None:
-        """Forget all but what is remembered, and begin anew with the PE that is heard next."""
+        """Forget all but the memory, send nothing, and begin anew when a PE is heard."""
         self._forget()
         self._claim.fall_silent()
 

@@ -1,4 +1,4 @@
-"""How the PEs of a spec hang together, seen from the manager's bus. Nothing here depends on what is down."""
+"""The ways between the PEs of a spec and the manager's bus. Nothing here depends on what is down."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Radio:
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
-    """Bus on which a PE reports: the manager's bus, or the first one on the way there.
+    """Give the bus on which a PE reports: the manager's bus, or the first bus on the way there.
 
     A PE without any way to the manager reports on its first bus, and is never heard.
     """
@@ -35,9 +35,9 @@ def uplink_bus(spec: Spec, pe: str) -> str:
 
 
 def command_period_ns(spec: Spec, pe: str) -> int:
-    """Slowest heartbeat period on the way from the manager's bus to a PE: that of LEASE and ALIVE there (ns).
+    """Give the slowest heartbeat period on the way from the manager to a PE: the period of LEASE and ALIVE there (ns).
 
-    Of a PE without any way to the manager, that of its own buses counts.
+    For a PE without any way to the manager, its own bus counts.
     """
     way = {spec.manager.bus, uplink_bus(spec, pe)}
     everything = survivors(spec, Situation())
@@ -48,13 +48,13 @@ def command_period_ns(spec: Spec, pe: str) -> int:
 
 
 def reached_by_wire(spec: Spec) -> frozenset[str]:
-    """PEs that have no radio between themselves and the manager's bus."""
+    """Give the PEs that have no radio between themselves and the manager's bus."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
     return frozenset(survivors(spec, Situation(radios)).pe_cpu_millis)
 
 
 def radios(spec: Spec) -> dict[str, Radio]:
-    """Every radio that a gateway reports on, by name: the first nine that are not the manager's own bus."""
+    """Give every radio that a gateway reports on, by name; gateways can report on the first nine radios of a spec."""
     wireless = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"][: len(GATEWAY_IDS)]
     all_pes = survivors(spec, Situation()).pe_cpu_millis.keys()
     found = {}

@@ -1,8 +1,8 @@
 """A state machine written as a table: each possible change of state, the event that makes it, and why.
 
-The owner keeps its state in an attribute of its own and changes it by `after` alone, so that a change which the table
-lacks ends in an InvariantError, at the moment when it is made. The diagrams of docs/protocol/ are written from the same
-rows: what they show is what can happen.
+The owner keeps its state in an attribute of its own and changes it only by `after`, so that a change which the table
+lacks raises an InvariantError immediately. The diagrams of docs/protocol/ are made from the same rows, so they show
+exactly what can happen.
 
     beginnings    states in which the owner may be made, and why
     rows          state before, event, state after, and why; for each state and event there is one row at most
@@ -27,14 +27,14 @@ class TransitionTable(Generic[State, Event]):
         self._after = {(before, event): after for before, event, after, _ in self.rows}
 
     def after(self, state: State, event: Event) -> State:
-        """Give the state that an event leads to; raises InvariantError where it cannot happen in this state."""
+        """Give the state that an event leads to; raises InvariantError if the event cannot happen in this state."""
         found = self._after.get((state, event))
         if found is None:
             raise InvariantError(f"{event.name} cannot happen in {state.name}")
         return found
 
     def may_be(self, state: State, event: Event | None) -> bool:
-        """Tell whether this state can have been reached by an event, or, where that is None, be the first one."""
+        """Tell whether an event can have led to this state; None: whether this state can be the first one."""
         if event is None:
             return state in self.beginnings
         return any((last, after) == (event, state) for _, last, after, _ in self.rows)

@@ -1,8 +1,8 @@
-"""One call of the manager's core: when it is, and what the core has requested so far.
+"""One call of the manager's core: its time, and the actions that the core has requested so far.
 
-The parts that act share the turn instead of handing a time and a list through every call. What is held from one call to
-the next is the same for all of them: the time, the term of this mastership, what is remembered over a restart, and the
-last kinds of events, which an InvariantError lists.
+The parts that act share the turn instead of handing a time and a list through every call. From one call to the next the
+turn holds what all of them share: the time, the term of this mastership, the memory, and the kinds of the last events,
+which an InvariantError lists.
 """
 
 from collections import deque
@@ -23,7 +23,7 @@ class Encodable(Protocol):
     """A message of `heronry_wire.management`."""
 
     def encode(self) -> bytes:
-        """Payload of the frame."""
+        """Give the payload of the frame."""
 
 
 class Turn:
@@ -34,7 +34,7 @@ class Turn:
         self.silent = silent
         self.now_ns = now_ns
         self.recent: deque[str] = deque(maxlen=_RECENT_EVENTS)
-        self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # what a key adds to them
+        self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # adds TAGs
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:

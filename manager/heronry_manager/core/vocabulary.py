@@ -1,7 +1,7 @@
 """The events and actions of the manager's core, beside frames and time (`heronry_wire.sansio`).
 
-Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number: an answer to an older request is
-thereby recognised and dropped.
+Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number, by which the core recognises and
+drops an answer to an older request.
 """
 
 from collections.abc import Mapping
@@ -20,8 +20,8 @@ from heronry_wire.sansio import Received, Send, Tick
 class RequestPlan:
     """Request a plan; answer with PlanReady or PlanFailed and the same number.
 
-    running: what runs now; None: nothing is known to run.
-    in_background: for the best plan, however long it takes. Else it must come immediately, and need not be the best.
+    running: the running configuration; None: none is known. in_background: the optimal plan is wanted, however long it
+    takes. Else a legal plan is wanted immediately.
     """
 
     request: int
@@ -48,7 +48,7 @@ class PlanFailed:
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What was planned for this runs, and nothing is under way: there is time to pre-plan. Needs no answer."""
+    """The plan for situation `now` runs, and nothing is under way: there is time to pre-plan. Needs no answer."""
 
     now: Situation
     running: Placement
@@ -70,21 +70,21 @@ class Keep:
 
 @dataclass(frozen=True, slots=True)
 class JournalTold:
-    """Report of the journal: why it cannot keep what it is given, or None where it can again."""
+    """Report of the journal: why it cannot write records; None: it can again."""
 
     problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """Channels of the manager's bus, from 1, that carry nothing of what the other one carries; sent on change."""
+    """Channels of the manager's bus (numbered from 1) that miss the other channel's frames; sent on every change."""
 
     channels: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
 class AliveLeft:
-    """An ALIVE that the core has sent is on the bus."""
+    """An ALIVE frame that the core has sent is on the bus."""
 
     frame: Frame
 
@@ -105,14 +105,14 @@ class EnterPhase:
 
 @dataclass(frozen=True, slots=True)
 class FailElement:
-    """The operator says that an element (`KIND:NAME`) has failed: plan without it."""
+    """The operator reports that an element (`KIND:NAME`) has failed: plan without it."""
 
     element: str
 
 
 @dataclass(frozen=True, slots=True)
 class ClearElement:
-    """The operator says that an element is well again; for a PE, that its quarantine is over."""
+    """The operator clears an element: it no longer counts as failed, and a PE leaves its quarantine."""
 
     element: str
 

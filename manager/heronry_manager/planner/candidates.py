@@ -1,15 +1,14 @@
-"""What could run at all, before anything is decided: the small problem that the solver gets.
+"""The candidates: everything that could run in a situation. They make the small problem that the solver gets.
 
 Two passes over the spec, both exact:
 
-*Possible.* A mode is possible when its module has a host that alone could carry it and when its `needs` could hold,
-were every other possible mode running. The greatest such set is taken, because feedback is legal: two modules that feed
+*Possible.* A mode is possible if its module has a host with room for it alone, and if its `needs` could hold while
+every other possible mode runs. The pass finds the greatest such set, because feedback is legal: two modules that feed
 each other are possible together.
 
-*Useful.* A module is useful when it is the output of a wanted function (priority above 0 in the phase), a branch of a
-wanted DEMUX, or feeds a possible mode of a useful module. What is not useful cannot serve (semantics.md rule 5).
-
-What remains contains every legal configuration. Sums (resources, traffic) are not checked here: the solver does that.
+*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), a branch of a
+wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5). The candidates
+contain every legal configuration. Sums (resources, traffic) are not checked here: the solver does that.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +21,7 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A producer that a leaf could be wired to: a module in any of `modes`, which give one version."""
+    """A producer that a leaf could be wired to: a module in any of `modes`, which all give this version."""
 
     module: str
     version: int
@@ -37,11 +36,11 @@ class Candidate:
     hosts: Mapping[str, tuple[str, ...]]  # possible mode -> PEs, both in the spec's order
 
     def modes(self) -> Iterator[Mode]:
-        """Possible modes, best first."""
+        """Give the possible modes, best first."""
         return (self.module.modes[name] for name in self.hosts)
 
     def pes(self) -> tuple[str, ...]:
-        """PEs that could carry some mode."""
+        """Give the PEs that could carry some mode."""
         return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
 
 
@@ -57,17 +56,17 @@ class Candidates:
     givers: Mapping[str, Sequence[tuple[str, str, int]]]  # variable -> (module, mode, version), in the spec's order
 
     def sources(self, consumer: str, mode: str, leaf: Leaf) -> tuple[Source, ...]:
-        """Producers that a leaf of a mode could be wired to, one entry per module and version, in the spec's order."""
+        """Give the producers for a leaf of a mode, one entry per module and version, in the spec's order."""
         found: dict[tuple[str, int], list[str]] = {}
         for module, giving, version in self.givers.get(leaf.variable, ()):
-            feeds_itself = module == consumer  # and does so in the one mode that it runs in
+            feeds_itself = module == consumer  # possible only in the same mode, since it runs in one
             if leaf.accepts(version) and (giving == mode or not feeds_itself):
                 found.setdefault((module, version), []).append(giving)
         return tuple(Source(module, version, tuple(modes)) for (module, version), modes in found.items())
 
 
 def candidates(spec: Spec, now: Situation) -> Candidates:
-    """Work out what may run in a situation."""
+    """Find the candidates in a situation."""
     left = survivors(spec, now)
     wanted = frozenset(m for f in spec.functions.values() if f.priority_in(now.phase) > 0 for m in f.outputs)
     possible = _possible(_placeable(spec, left))
@@ -86,7 +85,7 @@ def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, 
 
 
 def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
-    """Modules with the PEs that could carry each mode if nothing else ran there."""
+    """Return the modules, with the PEs that could carry each mode if nothing else ran there."""
     placeable = {}
     for module in spec.modules.values():
         pes = [pe for pe in left.hosts(module) if module.flash <= spec.pes[pe].flash]
@@ -115,7 +114,7 @@ def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
 
 
 def _given(modules: Mapping[str, Candidate]) -> dict[str, set[int]]:
-    """Versions of each variable that some possible mode gives."""
+    """Return the versions of each variable that some possible mode gives."""
     given: dict[str, set[int]] = {}
     for candidate in modules.values():
         for mode in candidate.modes():
@@ -137,7 +136,7 @@ def _with_needs_met(candidate: Candidate, given: Mapping[str, set[int]]) -> Cand
 
 
 def _useful(possible: Mapping[str, Candidate], wanted: frozenset[str]) -> set[str]:
-    """Close the wanted modules under "feeds a possible mode of"."""
+    """Return the wanted modules, and all that feed a possible mode of one of these, directly or not."""
     read: dict[str, list[Leaf]] = {
         name: [leaf for mode in candidate.modes() for _, leaf in mode.leaves()] for name, candidate in possible.items()
     }

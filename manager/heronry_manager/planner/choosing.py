@@ -1,17 +1,16 @@
-"""Choose first, then pack: levels 1 and 2 where there is more to do than fits.
+"""Choose first, then pack: levels 1 and 2 when not all wanted functions fit on the PEs.
 
-*Choose*: which modules run, in which modes, as if the PEs that a module may go to were one PE. That leaves a small
-problem of some hundred literals. Every legal configuration is among its answers, so the value of the best choice is an
-upper bound of what can be served. As a rule a legal configuration reaches that bound, and the hard part is to find
+*Choose*: find which modules run, in which modes, as if the PEs that a module may run on were one PE. That is a small
+problem of some hundred literals. Every legal configuration is one of its solutions, so the value of the best choice is
+an upper bound on levels 1 and 2. As a rule a legal configuration reaches that bound, and the hard part is to find
 places for the chosen modules.
 
-*Pack*: of the choices of this value, the one that takes the least CPU leaves the most room. The search fixes this
-choice in its own model; only the places are left to be found.
+*Pack*: of all choices with this value, take the one with the least CPU, since it leaves the most room. The search fixes
+this choice in its own model; only the places are left to be found.
 
-A configuration found in this way is an ordinary one, and the bound holds for all configurations. Where no packing is
-found, another choice of the same value, or of a little less, may still fit; the search over everything looks for it.
-That search is also given, for each PE, constraints that follow from modules being indivisible, and takes longer to
-prepare.
+The bound holds for all configurations, however they are found. If no packing is found, another choice of the same
+value, or of a little less, may still fit; the search over everything looks for it. That search also gets constraints
+for each PE that follow from modules being indivisible, and takes longer to prepare.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +24,7 @@ from heronry_manager.planner.placing import Choice, weighted
 from heronry_manager.planner.solver import light_solver
 from heronry_manager.planner.wiring import Wiring
 
-PACKING_EFFORT: Final = 0.03  # deterministic seconds; where a packing exists, it is found in less
+PACKING_EFFORT: Final = 0.03  # deterministic seconds; an existing packing is found in less
 _CHOOSING_EFFORT: Final = 0.1
 
 Chosen = Mapping[tuple[str, str], bool]
@@ -33,7 +32,7 @@ Chosen = Mapping[tuple[str, str], bool]
 
 
 class Choosing(Choice):
-    """The choices in one situation."""
+    """The small model that chooses modules and their modes in one situation."""
 
     def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
         """`group`: the levels to maximise, no worse than `key` in those above them."""
@@ -46,7 +45,7 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find the most that the merged levels can be; afterwards the model has only choices of that value."""
+        """Find the upper bound of the merged levels; afterwards the model has only choices that reach it."""
         self._model.maximize(self._worth)
         solver = self._solved()
         if solver is None:
@@ -56,7 +55,7 @@ class Choosing(Choice):
         return bound
 
     def cheapest(self) -> Chosen | None:
-        """Find the choice that takes the least CPU."""
+        """Find the choice that takes the least CPU, after `bound`; None: the effort was not enough."""
         modules = self.possible.spec.modules
         cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]
         self._model.minimize(weighted(cpu))
@@ -76,7 +75,7 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """State that PEs have room for what can run nowhere else: all PEs together, and the hosts of each mode."""
+        """Limit the modes that can run only on some PEs to the room there: for all PEs, and the hosts of each mode."""
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)
         hosts = {frozenset(pes) for candidate in modules.values() for pes in candidate.hosts.values()}

@@ -1,11 +1,11 @@
 """The manager's end of the planner's process: start it, send requests, read answers, start it anew.
 
-At most one request is inside the process; further ones wait here in their order, so that a write never meets a full
-pipe. Nothing here blocks but `wait_until_ready`, `ask` and `close`. An event loop watches `fileno()` for reading, which
-stays the same for the life of the client, and calls `poll()` when there is something to read.
+At most one request is inside the process; further requests wait here in their order, so that a write never meets a full
+pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches `fileno()`, which stays the same for the
+life of the client, and calls `poll()` when that is readable.
 
-Every request gets exactly one answer: `Planned` or `Failed`. A request to a process that ended has failed, and the next
-request starts another process. Requests made before `cancel()` get no answer: the caller no longer needs it.
+Every request gets exactly one answer: `Planned` or `Failed`. If the process ends, its request has failed, and the next
+request starts another process. Requests made before `cancel()` get no answer.
 """
 
 import os
@@ -60,12 +60,12 @@ class Failed:
 
 
 class PlannerClient:
-    """One spec's planner, in a process of its own; started at once, so that it is warm when it is needed."""
+    """One spec's planner in a process of its own, which starts with the client and loads the solver then."""
 
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
-        """Start the process. `file` is what `spec` was loaded from; raises PlannerError where it has changed since.
+        """Start the process. `file`: where `spec` was loaded from; raises PlannerError if it has changed since.
 
-        niceness: 0..19; priority of the process on a busy computer, as in nice(2).
+        niceness: 0..19, as in nice(2): a higher value gives the process less time on a busy computer.
         """
         data = file.read_bytes()
         if sha256(data).hexdigest() != spec.digest:
@@ -95,11 +95,11 @@ class PlannerClient:
 
     @property
     def process_id(self) -> int | None:
-        """Process that the next answer comes from; None while there is none."""
+        """Identifier of the planner's process; None while there is none."""
         return None if self._process is None else self._process.process_id
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
-        """Ask for a plan; the answer comes from `poll` and carries the number."""
+        """Request a plan; `poll` returns the answer, with this number."""
         self._waiting.append(Request(number, now, running))
         self._send_next()
 
@@ -124,15 +124,15 @@ class PlannerClient:
             self._start()
 
     def wait_until_ready(self) -> None:
-        """Block until the process is warm; raises PlannerError when it ends instead."""
+        """Block until the process has loaded the solver; raises PlannerError if it ends instead."""
         while not self.ready:
             if self._process is None:
-                raise PlannerError("the planner's process ended before it was ready; what it said is on standard error")
+                raise PlannerError("the planner's process ended before it was ready; standard error has its message")
             self._wait()
             self.poll()
 
     def ask(self, now: Situation, running: Placement | None = None) -> Plan:
-        """Plan and block until the plan is there, with no other request under way; raises PlannerError."""
+        """Request a plan and wait for it; raises PlannerError if planning fails, or another request is under way."""
         if self._inside is not None or self._waiting:
             raise PlannerError("a request is under way: take its answer from poll, or cancel it")
         self.request(0, now, running)
@@ -175,7 +175,7 @@ class PlannerClient:
         self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
-        """Give up the process, failing its requests; the next request starts another one."""
+        """Give up the process: its request has failed, and the next request starts another process."""
         request = self._inside
         code = self._stop(kill=True)
         self._send_next()
@@ -194,7 +194,7 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Make a plan of an answer, which the process has valued and verified."""
+        """Make a plan of an answer; the process has verified it and worked out its value."""
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:
@@ -206,9 +206,9 @@ class PlannerClient:
 
 
 def _in_memory(data: bytes) -> BinaryIO:
-    """A file that every process started from here inherits, and can open by /dev/fd.
+    """Make a file that child processes inherit and can open by /dev/fd.
 
-    In memory: an unlinked file on disk cannot be opened again on every file system (hostfs of a user-mode Linux).
+    The file is in memory, because not every file system lets a process open an unlinked file again.
     """
     file = os.fdopen(os.memfd_create("heronry-spec"), "w+b")
     file.write(data)
@@ -217,11 +217,11 @@ def _in_memory(data: bytes) -> BinaryIO:
 
 
 class _Process:
-    """One run of the service, with its two pipes."""
+    """One process of `heronry_manager.planner.service`, with its two pipes."""
 
     def __init__(self, spec_fd: int, niceness: int) -> None:
         os.lseek(spec_fd, 0, os.SEEK_SET)
-        standing_back = ["nice", "-n", str(niceness)] if niceness else []  # before it loads the solver, which is work
+        standing_back = ["nice", "-n", str(niceness)] if niceness else []  # also while it loads the solver
         self._process = subprocess.Popen(
             [*standing_back, sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd)],
             stdin=subprocess.PIPE,
@@ -235,13 +235,13 @@ class _Process:
         self.answers = self._process.stdout
 
     def send(self, line: bytes) -> None:
-        """Write a request. That a process has ended shows when its answers are read, not here."""
+        """Write a request; if the process has ended, only reading its answers shows that."""
         with suppress(BrokenPipeError):
             self._requests.write(line)
             self._requests.flush()
 
     def end(self, *, kill: bool) -> int:
-        """End the process, which it does by itself when its standard input closes, and return its exit code."""
+        """End the process by closing its standard input, or by `kill`; return its exit code."""
         if kill:
             self._process.kill()
         with suppress(BrokenPipeError):

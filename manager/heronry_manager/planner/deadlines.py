@@ -1,22 +1,22 @@
-"""Deadlines (semantics.md rule 9), stated in the model where a solution has missed one.
+"""Deadlines (semantics rule 9), added to the solver's model when a solution has missed one.
 
-Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed, and what is late in
-it is ruled out, in one of two ways.
+Almost no message is ever late, so the model has no deadlines at first. Each solution is analysed, and its late messages
+are ruled out in one of two ways.
 
 *In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
-window: by then B + sum of ceil((t + 1) / T) x C over everything more urgent is at most t (all in bit times). Demand
-only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. One literal
-for each, and one of them must hold where the message is published. What comes over a gateway needs a moment on either
-bus, and both waits together must fit its deadline: one literal for each pair. This is stated once for a message, and
-holds for every set of others; it is not stated where the deadline is so far away that there are too many moments. The
-condition is necessary, not sufficient: the jitter of the others and later instances of the message are left out.
+window: by then B + sum of ceil((t + 1) / T) x C over all more urgent messages is at most t (all in bit times). The
+demand only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. The
+model has one literal for each moment, and one of these must hold if the message is published. A message that comes over
+a gateway needs a moment on either bus, and both waits together must fit its deadline: then there is one literal for
+each pair. The condition is added once for a message, and holds for every set of other messages. It is not added if the
+deadline is so far away that there are too many moments. The condition is necessary, not sufficient: it leaves out the
+jitter of the others and later instances of the message.
 
-*Not together.* What is late all the same gets a cut: these messages must not all be published. The analysis names all
-that a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the
-smaller the set, the more plans its cut rules out. Leaving a message out makes no other one later, so what is late in a
-set is late in every larger one (a message that comes from farther away counts as larger, too: it brings more jitter).
-
-Neither way excludes a legal plan.
+*Not together.* If a message is late all the same, the model gets a cut: a set of messages that must not all be
+published. The analysis names all messages that the late one depends on. That set is shrunk, one message after the
+other, as long as the message is still late: the smaller the set, the more plans its cut rules out. Leaving a message
+out makes no other one later, so a message that is late in a set is late in every larger one (the same message from
+farther away also counts as larger, since it brings more jitter). Neither way excludes a legal plan.
 """
 
 from collections.abc import Iterable, Iterator, Set
@@ -45,7 +45,7 @@ Demand = dict[MessageKey, int]
 
 @dataclass(frozen=True, slots=True)
 class _Room:
-    """What messages take, each if it is published, must not exceed `most`."""
+    """A condition: the sum of `demand` over the published messages must not exceed `most`."""
 
     demand: Demand
     most: int
@@ -57,7 +57,7 @@ class _Room:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave; what goes before it by then, in bits, and the part that always does."""
+    """A moment `end` at which a message could leave, and the demand (bits) that goes first: fixed, and by message."""
 
     end: int
     always: int
@@ -69,16 +69,16 @@ class _Moment:
 
 
 Way = tuple[_Room, ...]
-"""How a message can be in time: all of these hold."""
+"""One way in which a message can be in time: all these conditions hold."""
 
 
 class Deadlines:
-    """The deadlines that are stated in a model so far."""
+    """The deadlines that a model has so far."""
 
     def __init__(self, model: CpModel, publishing: Publishing, times: ResponseTimes) -> None:
         self._model, self._publishing, self._times = model, publishing, times
-        self._punctual: list[frozenset[Hop]] = []  # published together, these meet all deadlines
-        self._stated: set[Hop] = set()  # messages whose moments are stated in the model
+        self._punctual: list[frozenset[Hop]] = []  # sets of hops that meet all deadlines
+        self._stated: set[Hop] = set()  # messages whose moments are in the model
         self._forbidden: set[frozenset[Hop]] = set()
 
     def are_met(self, published: frozenset[Hop]) -> bool:
@@ -100,7 +100,7 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """State in the model when a message leaves in time; tell whether that rules out what is published."""
+        """Add to the model when a message leaves in time; tell whether that rules out the `published` set."""
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -136,7 +136,7 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message has time to cross two buses beside more urgent ones: ns, rounded down."""
+        """Return the condition that a message has time to cross two buses beside more urgent ones; in ns."""
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
         for one, moment in ((before, first), (hop, then)):
@@ -148,7 +148,7 @@ class Deadlines:
     def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
         """Return every moment at which a message could leave in time, the earliest first; None: there are too many.
 
-        jitter: bit times of its bus that the message may have taken to come there.
+        jitter: the time that the message may have taken to reach this bus, in its bit times.
         """
         own = self._times.message(hop)
         window = own.deadline - own.bits - jitter
@@ -169,20 +169,18 @@ class Deadlines:
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
-        """Least jitter that a message brings from the bus before: the jitter it would have if it were alone there."""
+        """Return the least jitter that a message brings from the bus before, as if alone there; in bit times."""
         if hop.after is None:
             return Fraction(0)
         alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
         bounded = (one.response_ns for one in alone if one.response_ns is not None)
-        return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # it is rounded up
+        return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # the response time is rounded up
 
     def _forbid(self, late: Late) -> frozenset[Hop]:
-        """Forbid the set that makes a message late; raises PlannerDefectError where that set was forbidden before."""
+        """Forbid the set that makes a message late; raises PlannerDefectError if it was forbidden before."""
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
-            raise PlannerDefectError(
-                f"these were forbidden together and are planned again: {sorted(map(str, messages))}"
-            )
+            raise PlannerDefectError(f"the search gave messages that it must not combine: {sorted(map(str, messages))}")
         self._forbidden.add(messages)
         self._publishing.forbid_together(messages)
         return messages
@@ -211,7 +209,7 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
 
 
 def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
-    """Moments in a window just after which one more instance of a message counts."""
+    """Yield the moments in a window just after which one more instance of a message counts."""
     end = period - 1
     while end < window:
         yield end
@@ -219,5 +217,5 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Bits of all instances of a message that count at a moment."""
+    """Return the bits of all instances of a message that count at a moment."""
     return ceil((end + 1) / message.period) * message.bits

@@ -1,14 +1,15 @@
-"""The exact planner: the best legal configuration of semantics.md, proven level by level.
+"""The exact planner: the best legal configuration by docs/semantics.md, proven level by level.
 
-It starts from the greedy plan, and builds one model. Each group of levels is maximised, then fixed: later groups may
-not fall below it. Every solution is analysed before it counts: one that misses a deadline (semantics rule 9) is ruled
-out and the same group solved again, so a value is fixed only when a legal configuration has it. A level that already
-stands at its bound costs no search: as a rule the greedy plan serves all that can be served. Where it does not, what is
-served is chosen first and packed then (`choosing`); everything is searched only where that leaves a gap.
+The planner starts from the greedy plan, and builds one model. It maximises each group of levels, then fixes its value:
+the search of later groups may not fall below it. Every solution is analysed before it counts: one that misses a
+deadline (semantics rule 9) is ruled out, and the same group is solved again. So a value is fixed only when a legal
+configuration reaches it. A level that already stands at its bound costs no search: as a rule the greedy plan serves all
+that can be served. If it does not, the planner first chooses what to serve, and then packs it (`choosing`). It searches
+everything only if that leaves a gap to the bound.
 
 Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
-runs out, the best configuration found so far is returned, and the plan says of each level whether it is proven, or how
-good it could be. There is always a plan: the greedy one, at worst.
+runs out, the best configuration found so far is returned, and the plan says for each level whether it is proven, or how
+good it could be. There is always a plan: at worst the greedy one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +40,7 @@ NOTHING: Final = Configuration()
 
 
 class Planner:
-    """The planner of one spec, warm: what does not depend on the situation is worked out once."""
+    """The planner of one spec; it works out once what does not depend on the situation."""
 
     def __init__(self, spec: Spec) -> None:
         """Work out identifiers, tables and frames: some milliseconds."""
@@ -50,7 +51,7 @@ class Planner:
     def plan(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
         """Find the best legal configuration for a situation.
 
-        running: what runs now, for the fewest changes (level 4); None: nothing is known to run, and changes are free.
+        running: the running configuration, for the fewest changes (level 4); None: none is known, and changes are free.
         effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the
         same on every machine.
         """
@@ -58,7 +59,7 @@ class Planner:
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())
 
     def solved(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Plan in the same way, and return the configuration as the search gave it, without a `Plan`."""
+        """Plan as `plan` does; return the finished search instead of a `Plan`."""
         search = self._search(now, running, effort)
         search.run()
         return search
@@ -68,7 +69,7 @@ class Planner:
         return self._greedy.plan(now, running)
 
     def serve(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
-        """Search levels 1 and 2 alone: critical functions and utility."""
+        """Search levels 1 and 2 alone (critical functions and utility); return the finished search."""
         search = self._search(now, running, effort)
         search.serve()
         return search
@@ -85,7 +86,7 @@ def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort
 
 
 class Search:
-    """One search for one situation; `best`, its `objective` and the `bounds` on that are the answer."""
+    """One search for one situation; the answer is `best`, its `objective`, and the `bounds` on the objective."""
 
     def __init__(
         self,
@@ -97,7 +98,7 @@ class Search:
         *,
         worth: Objective | None = None,
     ) -> None:
-        """Build the model. `first` is a legal configuration to start from; `worth`: its value, where that is known."""
+        """Build the model. `first`: a legal configuration to start from; `worth`: its value, if it is known."""
         self._possible = possible
         self._running = running
         self._effort = effort
@@ -109,16 +110,16 @@ class Search:
         self._groups = level_groups(self._placing, self._wiring, self._publishing, running)
         self._bounds = {level.position: level.high for group in self._groups for level in group}
         self._looked_at: list[Level] = []
-        self._values: dict[int, int] = {}  # of the model's variables, for `best`
+        self._values: dict[int, int] = {}  # variable of the model -> its value in `best`
         self._start_from(first, self._score(first) if worth is None else worth)
 
     @property
     def proven(self) -> bool:
-        """Tell whether `best` is proven to be the best in the levels that `run` was to solve."""
+        """Tell whether `best` is proven to be the best in all levels that `run` was called for."""
         return self._is_at_bound(self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
-        """Solve group after group of levels: the first `groups` ones, or all."""
+        """Solve groups of levels one after the other: the first `groups` ones; None: all."""
         self._looked_at = [level for group in self._groups[:groups] for level in group]
         for group in self._groups[:groups]:
             open_levels = self._fix_leading_at_bound(group)
@@ -132,7 +133,7 @@ class Search:
         self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
-        """Return an upper bound for each integer of the key, with those before it no worse than they are."""
+        """Return an upper bound for each integer of the key, given that the integers before it do not become worse."""
         levels = {level.position: level for group in self._groups for level in group}
         return tuple(
             self._bounds[position] + levels[position].offset if position in levels else value
@@ -140,7 +141,7 @@ class Search:
         )
 
     def _fix_leading_at_bound(self, group: list[Level]) -> list[Level]:
-        """Fix the first levels of a group as far as they already stand at their bounds; return the others."""
+        """Fix the first levels of a group that already stand at their bounds; return the other levels."""
         for number, level in enumerate(group):
             if level.value(self._key) < level.high:
                 return group[number:]
@@ -163,7 +164,7 @@ class Search:
             self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
-        """Search the best of a group of levels until what is found meets its deadlines, as far as the effort goes."""
+        """Search the best of a group of levels until a solution meets its deadlines, or the effort is used up."""
         while self._effort > 0 and not self._is_at_bound(group):
             solver = set_up(self._effort / 2)  # half of what is left: later levels need their share
             self._hint(self._values)
@@ -175,7 +176,7 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Bound a group of levels by what can be chosen, and find places for the chosen modules if that is quick."""
+        """Bound a group of levels by the best choice, and find places for the chosen modules if that is quick."""
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:
@@ -187,7 +188,7 @@ class Search:
         self._effort -= choosing.spent
 
     def _pack(self, chosen: Chosen) -> None:
-        """Search places for what was chosen."""
+        """Search places for the chosen modules."""
         self._model.proto.clear_objective()
         self._hint({self._placing.on[key].index: is_on for key, is_on in chosen.items()})
         for solver in packing_solvers(PACKING_EFFORT):
@@ -213,7 +214,7 @@ class Search:
         return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
-        """Note what the solver has proven: it minimises, so the sign is the other one."""
+        """Note an upper bound that the solver has proven for a group of levels."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = min(most, self._bounds[level.position])
 
@@ -251,7 +252,7 @@ class Search:
         return self.objective.key()
 
     def _configuration(self, solver: CpSolver) -> Configuration:
-        """Read a solution."""
+        """Read the configuration out of the solver's solution."""
         inputs: dict[str, dict[str, Wire]] = {}
         for (consumer, mode, path), wires in self._wiring.wires.items():
             if solver.boolean_value(self._placing.on[consumer, mode]):

@@ -1,7 +1,7 @@
 """Why a function is not served although it could run: because it never fits, or because others came first.
 
-`heronry_dg.why_not` finds causes that follow from faults alone. Where there is none, a smaller problem is solved: can
-the function be served when it is the only wanted one? Deadlines are analysed with the identifiers of the whole spec,
+`heronry_dg.why_not` finds causes that follow from faults alone. If there is none, this file solves a smaller problem:
+can the function be served if it is the only wanted one? Deadlines are analysed with the identifiers of the whole spec,
 since those are used on the bus.
 """
 
@@ -19,7 +19,7 @@ _EFFORT = 5.0  # deterministic seconds for each function
 
 
 def explained(spec: Spec, plan: Plan) -> Plan:
-    """Return the plan with better reasons why functions are not served; takes a search for each that could run."""
+    """Return the plan with better reasons for functions that are not served; takes a search for each of them."""
     found = feasible(spec, plan.now)
     reasons = {name: report.why_not for name, report in plan.functions.items() if report.why_not is not None}
     for name, report in plan.functions.items():
@@ -32,7 +32,7 @@ def explained(spec: Spec, plan: Plan) -> Plan:
 
 
 def _servable_alone(spec: Spec, now: Situation, function: Function) -> bool | None:
-    """Tell whether a function could be served if nothing else were wanted; None: not found out."""
+    """Tell whether a function could be served if nothing else were wanted; None: the search did not decide it."""
     wanted = replace(function, criticality={None: "A"}, priority={None: 1})
     possible = candidates(replace(spec, functions={function.name: wanted}), now)
     search = Search(possible, None, ResponseTimes(spec), _EFFORT)

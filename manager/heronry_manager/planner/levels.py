@@ -1,13 +1,13 @@
-"""Which legal configuration is best, as the solver sees it: the levels of semantics.md section 4.
+"""The objective for the solver: the levels of docs/semantics.md, section 4, as weighted sums of literals.
 
-A level is a weighted sum of literals with bounds that follow from its own terms alone. It is kept as "more is better":
-what should be small is negated. Neighbouring levels are solved as one where a weighted sum of them is exact: each
-level's weight is greater than all that the levels below it can add up to. The groups are those that were found fast
-together, cut where a weighted sum would not fit 62 bits:
+A level is a weighted sum of literals, with bounds that follow from its own terms alone. More is always better: a
+quantity that should be small is negated. Neighbouring levels are solved together, as one weighted sum, which is exact
+since each level's weight is greater than the sum of all levels below it. The groups were chosen because they are solved
+fast together; a group is cut where its weighted sum would not fit 62 bits:
 
-    serving    critical classes and utility: as a rule all of it can be had, and then there is nothing to search
+    serving    critical classes and utility: as a rule all can be served, and then no search is needed
     supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
-    thrift     bandwidth and CPU: cutting a graph, once most of it stays where it is; bounded in the same way
+    thrift     bandwidth and CPU: cutting a graph whose modules mostly have their places; bounded in the same way
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,7 +27,7 @@ _SAFE = 2**62
 
 
 class Kind(Enum):
-    """What kind of problem a level is for the solver."""
+    """The kind of problem that a level is for the solver."""
 
     SERVING = auto()
     SUPPLYING = auto()
@@ -49,14 +49,14 @@ class Level:
     offset: int = 0
 
     def value(self, key: Sequence[int]) -> int:
-        """Value of the level for a configuration with this key."""
+        """Return the value of the level for a configuration with this key."""
         return key[self.position] - self.offset
 
 
 def level_groups(
     placing: Placing, wiring: Wiring, publishing: Publishing, running: Placement | None
 ) -> list[list[Level]]:
-    """All levels that can differ, most important first, in the groups that are solved together."""
+    """Return the levels whose value can vary, most important first, in the groups that are solved together."""
     possible = placing.possible
     levels = [
         *serving_levels(placing),
@@ -72,12 +72,12 @@ def level_groups(
 
 
 def serving_levels(choice: Choice) -> list[Level]:
-    """Levels 1 and 2; they do not depend on where modules run."""
+    """Return levels 1 and 2, which do not depend on where modules run."""
     return [*_critical(choice), _utility(choice)]
 
 
 def merged(group: list[Level]) -> Terms:
-    """One sum that compares as the levels of a group do in their order."""
+    """Return one weighted sum that compares configurations as the levels of a group do, in their order."""
     weights = zip(_weights(group), group, strict=True)
     return [(literal, weight * worth) for weight, level in weights for literal, worth in level.terms]
 
@@ -85,8 +85,8 @@ def merged(group: list[Level]) -> Terms:
 def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
     """Split a bound on the merged sum into one for each level.
 
-    Each holds among the configurations that are no worse than `key` in the levels above it: below a level that is not
-    proven nothing better is known than what follows from its terms.
+    Each bound holds among the configurations that are no worse than `key` in the levels above. Below a level that is
+    not proven, a bound only follows from the terms of its own level.
     """
     weights = _weights(group)
     room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))
@@ -107,7 +107,7 @@ def _weights(group: list[Level]) -> list[int]:
 
 
 def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
-    """Cut a group where its merged sum would leave 62 bits."""
+    """Cut a group where its merged sum would not fit 62 bits."""
     part: list[Level] = []
     for level in group:
         if part and sum(abs(weight) for _, weight in merged([*part, level])) >= _SAFE:
@@ -119,7 +119,7 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 
 
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
-    """Sum up terms, of which at most one out of each list of alternatives is taken."""
+    """Make a level of terms, of which at most one in each list of alternatives counts."""
     groups = [group for group in alternatives if group]
     return Level(
         position,
@@ -177,7 +177,7 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Points of the branches of a DEMUX that do not run, at least; a module may be a branch of several."""
+    """Yield for each DEMUX the least points that its stopped branches lose; a module may be a branch of several."""
     counted: set[str] = set()
     for demux in possible.spec.demuxes.values():
         points = [most[branch] for branch in demux.branches if branch in most and branch not in counted]
@@ -186,12 +186,12 @@ def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[in
 
 
 def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
-    """Most points that the inputs of a mode can have together."""
+    """Return the most points that the inputs of a mode can have together."""
     return most_points(mode.needs, lambda _, path: highest.get((module, mode.name, path), 0))
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Negated changes, less those that no plan can avoid: stopping what cannot run on."""
+    """Make the level of changes (negated), without those that no plan can avoid: stopping modules that cannot go on."""
     if running is None:
         return _level(6, Kind.SUPPLYING, ())
     alternatives: list[Terms] = []

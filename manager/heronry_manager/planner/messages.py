@@ -1,14 +1,16 @@
 """Messages between the planner's process and its client: one JSON object a line, in both directions.
 
     request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
-               "running": {"autopilot": ["full", "nav"]}}            running: null where nothing is known to run
+               "running": {"autopilot": ["full", "nav"]}}            running: null if no running configuration is known
     answers   {"ready": true}                 once, at the start: the spec has been read
-              {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}      what was found: the modules as in
-                                              a plan file, ten integers (`Objective.key`), and what bounds them
-              {"request": 7, "error": TEXT}   no plan, and why; request is null where it could not be read
+              {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}      the plan found: the modules as in
+                                                                                      a plan file, ten integers
+                                                                                      (`Objective.key`), and their upper
+                                                                                      bounds
+              {"request": 7, "error": TEXT}   no plan, and why; request is null if the request could not be read
 
-The spec itself is a file that the process inherits, open. A line that cannot be read is a `MessageError`: between a
-client and its own process that is a defect, not an event.
+The process inherits the spec as an open file. A line that cannot be read raises `MessageError`: between a client and
+its own process that is a defect.
 """
 
 import json
@@ -29,7 +31,7 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Plan this."""
+    """A request for a plan: the situation, and the running configuration (None: none is known)."""
 
     number: int
     now: Situation
@@ -43,17 +45,17 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What was found, and what is proven of it."""
+    """The best configuration found, and the bounds on its objective that are proven."""
 
     number: int
     configuration: Configuration
     objective: Objective
-    bounds: tuple[int, ...]  # what no integer of the objective's key can exceed
+    bounds: tuple[int, ...]  # upper bound of each integer of the objective's key
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """No plan, and why."""
+    """The answer without a plan; `reason` says why. `number`: None if the request could not be read."""
 
     number: int | None
     reason: str
@@ -63,7 +65,7 @@ Answer = Ready | Solution | Refusal
 
 
 def request_line(request: Request) -> bytes:
-    """Write a request."""
+    """Encode a request."""
     return _line(
         {
             "request": request.number,
@@ -76,7 +78,7 @@ def request_line(request: Request) -> bytes:
 
 
 def answer_line(answer: Answer) -> bytes:
-    """Write an answer."""
+    """Encode an answer."""
     match answer:
         case Ready():
             return _line({"ready": True})
@@ -88,7 +90,7 @@ def answer_line(answer: Answer) -> bytes:
 
 
 def read_request(line: bytes, spec: Spec) -> Request:
-    """Read a request about a spec; raises MessageError."""
+    """Decode a request about a spec; raises MessageError."""
     match _fields(line):
         case {
             "request": int(number),
@@ -106,7 +108,7 @@ def _situation(spec: Spec, down: list[str], limits: dict[str, str], phase: str |
     if phase is not None and phase not in spec.phases:
         raise MessageError(f"not a request: no phase is named '{phase}'")
     if not all(isinstance(text, str) for text in (*down, *limits.values())):
-        raise MessageError("not a request: an element or a limit is no text")
+        raise MessageError("not a request: an element or a limit is not a string")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),
@@ -125,7 +127,7 @@ def _placement(running: dict[str, list[str]] | None) -> Placement | None:
 
 
 def read_answer(line: bytes) -> Answer:
-    """Read an answer; raises MessageError."""
+    """Decode an answer; raises MessageError."""
     fields = _fields(line)
     match fields:
         case {"ready": True}:

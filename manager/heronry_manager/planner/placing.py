@@ -1,10 +1,10 @@
-"""Which modules run, in which mode, where: the first variables of the model and the rules over them alone.
+"""The first variables of the model: which module runs in which mode on which PE; and the rules on these alone.
 
-One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these,
-and where such a sum has one term it *is* that term: no variable is made twice.
+One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these; a
+sum with one term uses the variable of that term.
 
-Rules of semantics.md section 3 that are settled here: 1 (place: an impossible host has no variable), 4 (at most one
-branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
+The rules of docs/semantics.md, section 3, that this part of the model ensures: semantics rules 1 (place: an impossible
+host has no variable), 4 (at most one branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -18,7 +18,7 @@ Terms = list[tuple[IntVar, int]]
 
 
 def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
-    """Weighted sum of literals."""
+    """Return the weighted sum of literals."""
     literals, weights = [], []
     for literal, weight in terms:
         literals.append(literal)
@@ -27,17 +27,17 @@ def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
 
 
 class Choice:
-    """The variables of which modules run in which mode, in a given model; the subclass makes them."""
+    """The variables that say which modules run in which mode, in a given model; the subclass makes them."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
-        """Nothing is stated yet."""
+        """Begin without variables and constraints."""
         self.possible = possible
         self.on: dict[tuple[str, str], IntVar] = {}
         self.runs: dict[str, IntVar] = {}
         self._model = model
 
     def in_modes(self, module: str, modes: Collection[str]) -> list[IntVar]:
-        """Literals of which exactly one is true iff a module runs in one of `modes`, else none."""
+        """Return literals of which exactly one is true if a module runs in one of `modes`, else none."""
         if len(modes) == len(self.possible.modules[module].hosts):
             return [self.runs[module]]
         return [self.on[module, mode] for mode in modes]
@@ -54,7 +54,7 @@ class Choice:
             self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
 
     def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
-        """State that these modes, and the code of these modules, take no more than some PEs have together."""
+        """Limit the demand of these modes, and of the code of these modules, to the resources of some PEs together."""
         spec, cpu_millis = self.possible.spec, self.possible.left.pe_cpu_millis
         taken = [(spec.modules[module].modes[mode], self.on[module, mode]) for module, mode in modes]
         self._at_most([(literal, mode.cpu_millis) for mode, literal in taken], sum(cpu_millis[pe] for pe in pes))
@@ -68,10 +68,10 @@ class Choice:
 
 
 class Placing(Choice):
-    """The variables of which modules run where, in a given model."""
+    """The variables that say which modules run where, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
-        """Make the variables and state their rules."""
+        """Add the variables and their constraints to the model."""
         super().__init__(model, possible)
         self.pes = {name: candidate.pes() for name, candidate in possible.modules.items()}
         self.x: dict[tuple[str, str, str], IntVar] = {}
@@ -80,19 +80,19 @@ class Placing(Choice):
             self._add_module(name, candidate)
         self._one_branch()
         self._capacities()
-        self._fits_in(tuple(possible.left.pe_cpu_millis), self.on, self.runs)  # follows, and bounds what can be served
+        self._fits_in(tuple(possible.left.pe_cpu_millis), self.on, self.runs)  # redundant; it gives a bound
         self._separate()
         self._together()
 
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
-        """Literals of which exactly one is true iff a *running* module is on one of `pes`; None: it always is."""
+        """Return literals of which one is true iff a *running* module is on one of `pes`; None: it always is."""
         hosts = self.pes[module]
         if all(pe in pes for pe in hosts):
             return None
         return [self.at[module, pe] for pe in hosts if pe in pes]
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
-        """Values that the variables have for a configuration."""
+        """Yield the values that the variables have for a configuration."""
         runs = {name: (running.mode, running.pe) for name, running in configuration.modules.items()}
         for name, literal in self.runs.items():
             mode, pe = runs.get(name, (None, None))
@@ -105,10 +105,10 @@ class Placing(Choice):
             yield literal, runs.get(name) == (other, at)
 
     def count_parts(self) -> None:
-        """State what follows of whole modules: no three larger than a third of a PE's CPU, no four than a fourth.
+        """Add what follows for indivisible modules: no PE takes three above a third of its CPU, or four above a fourth.
 
-        A larger module counts as often as the part goes into it. The solver finds the case of two halves by itself;
-        none of the others follows from the linear relaxation, where half of a module fills what is left.
+        A larger module counts as often as the part goes into it. The solver finds the case of two halves by itself. The
+        other cases do not follow from the linear relaxation, in which half a module may fill the room that is left.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():
@@ -151,7 +151,7 @@ class Placing(Choice):
                 self._model.add_at_most_one(self._here(group, pe))
 
     def _together(self) -> None:
-        """State that the modules of each group run on one PE only."""
+        """Require that the modules of each group run on one PE only."""
         for number, group in enumerate(self.possible.spec.together):
             homes = {pe: self._here(group, pe) for pe in self.possible.spec.pes}
             chosen = {pe: self._model.new_bool_var(f"together.{number}@{pe}") for pe, here in homes.items() if here}

@@ -1,13 +1,12 @@
-"""What goes over which bus: publication, bandwidth, and deadlines.
+"""The variables that say which source is published on which bus, and the bandwidth that it takes.
 
-The buses form a forest over the PEs, so taking one bus away splits them into *sides*, and a source is published on that
-bus iff some consumer wired to it is on another side than its producer (semantics.md rule 7: on every bus of the route,
-once however many consume it). The variables say "at least": a source may be counted as published that is not, never the
-other way round. Nothing in a plan gets better by publishing more, so the optimum is exact.
+The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
+bus iff some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the route,
+once for any number of consumers). The model only has this in one direction: a source that is not published may count as
+published, but not the other way round. No plan gets better by publishing more, so the optimum is exact.
 
-Bandwidth depends on the rate of the producer's mode. Where its modes differ in rate, there is a literal per rate.
-
-Deadlines (semantics rule 9) are no part of this: `heronry_manager.planner.deadlines` states them where they matter.
+Bandwidth depends on the rate of the producer's mode: if its modes differ in rate, there is a literal for each rate.
+`heronry_manager.planner.deadlines` adds the deadlines (semantics rule 9) where they matter.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,10 +25,10 @@ MessageKey = tuple[str, str, int, str]  # producer, variable, rate in mHz, bus
 
 
 class Publishing:
-    """The variables of what goes over which bus, in a given model."""
+    """The variables that say what is published on which bus, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates, placing: Placing, wiring: Wiring) -> None:
-        """Make the variables and state the bandwidth of each bus (semantics rule 7)."""
+        """Add the variables, and the limit on the bandwidth of each bus (semantics rule 7)."""
         self.bandwidth: dict[str, Terms] = {bus: [] for bus in possible.left.bus_mbit_per_s}  # mbit/s
         self._model = model
         self._possible = possible
@@ -47,10 +46,11 @@ class Publishing:
                 model.add(weighted(terms) <= possible.left.bus_mbit_per_s[bus])
 
     def forbid_together(self, hops: Iterable[Hop]) -> None:
-        """Add the cut that not all of these hops are taken.
+        """Add a cut: not all of these hops may be published together.
 
-        A hop that begins at its source may as well come from farther away: that brings jitter and makes nothing
-        earlier. One that comes from another bus counts only where its producer is on that bus's side.
+        For a hop that begins at its source the cut also holds if the message comes from farther away: that adds jitter,
+        and makes no message earlier. For a hop that comes from another bus it holds only if its producer is on the side
+        of that bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -64,14 +64,14 @@ class Publishing:
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
 
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
-        """Demand one of these literals wherever a hop is taken; one that comes from another bus counts as above."""
+        """Require one of these literals if a hop is published; for a hop from another bus see `forbid_together`."""
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)
         for origin in [None] if there is None else there:
             self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
 
     def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
-        """Everything that could go before a hop on its bus, each as a hop that begins there."""
+        """Yield all messages that are more urgent than a hop on its bus, each as a hop that begins there."""
         own = identifiers[hop.producer, hop.variable]
         for key in self.messages:
             producer, variable, _, bus = key
@@ -79,18 +79,18 @@ class Publishing:
                 yield key, Hop(producer, variable, self._modes[key], bus)
 
     def key(self, hop: Hop) -> MessageKey:
-        """Key of a hop among the messages."""
+        """Return the key of a hop's message."""
         rate_mhz = self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Literals of which one is true where a running producer's way leads over the bus before; None: it must."""
+        """Return literals: one is true iff the running producer's way leads over the bus before; None: always."""
         if hop.after is None:
             return None
         return self._placing.somewhere(hop.producer, _origins(self._possible.left, hop.after, hop.bus))
 
     def hint(self, published: Iterable[Hop]) -> Iterator[tuple[IntVar, bool]]:
-        """Values that the variables have when these hops are published, and no others."""
+        """Yield the values that the variables have if exactly these hops are published."""
         rates = {
             (hop.producer, hop.variable, hop.bus): self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
             for hop in published
@@ -101,7 +101,7 @@ class Publishing:
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
-        """Say that a link between two sides of a bus is published there."""
+        """Add the constraint that a link between two sides of a bus is published there."""
         consumer, producer, variable = link
         if consumer == producer:
             return
@@ -154,7 +154,7 @@ class Publishing:
 
 
 def _sides(left: Survivors, bus: str) -> list[Side]:
-    """Split the PEs that are up by what stays connected without `bus`."""
+    """Split the PEs that are up into sides: sets that stay connected without `bus`."""
     sides: dict[Side, None] = {}
     for pe in left.pe_cpu_millis:
         sides[frozenset(other for other in left.pe_cpu_millis if bus not in (left.route(pe, other) or ()))] = None
@@ -162,5 +162,5 @@ def _sides(left: Survivors, bus: str) -> list[Side]:
 
 
 def _origins(left: Survivors, first: str, then: str) -> set[str]:
-    """PEs from which data reach the bus `then` by the bus `first`."""
+    """Return the PEs from which data reach the bus `then` over the bus `first`."""
     return {origin for (origin, _), route in left.routes.items() if (first, then) in pairwise(route)}

@@ -1,10 +1,9 @@
-"""The safe mode of a phase: its critical functions, and nothing that moves without need.
+"""The safe mode of a phase: the configuration of its critical functions alone, with the fewest changes.
 
-The configuration to which a PE falls back without a manager (`without_manager: safe_mode`) should be small and near
-what runs. So functions of class E are not wanted; one mode is as good as another; optional inputs count nothing. What
-is left of the objective is the critical classes and then, next, the fewest changes against the phase's fault-free
-plan. Outputs of class E that feed what is critical would be kept for that reason; they stop, unless something critical
-needs them.
+A PE without a manager falls back to the safe mode (`without_manager: safe_mode`), which should be small and near the
+running configuration. So functions of class E are not wanted, all modes are equally good, and optional inputs earn no
+points. The objective is then the critical classes, and next the fewest changes against the phase's fault-free plan. The
+outputs of class E stop, unless a critical function cannot be served without them.
 """
 
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ from heronry_manager.planner.exact import DEFAULT_EFFORT, Search
 
 
 def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuration:
-    """Find the safe mode of a phase in which `running` runs, with everything up."""
+    """Find the safe mode of a phase with the fault-free placement `running`; no element is down."""
     reduced = _critical_alone(spec, phase)
     wanted = {output for function in reduced.functions.values() for output in function.outputs}
     luxuries = {output for function in spec.functions.values() for output in function.outputs} - wanted
@@ -35,7 +34,7 @@ def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuratio
 
 
 def _best(spec: Spec, reduced: Spec, now: Situation, running: Placement) -> Configuration:
-    """Best configuration of a reduced spec, with the identifiers of the whole one."""
+    """Find the best configuration of a reduced spec, with the identifiers of the whole spec."""
     search = Search(candidates(reduced, now), running, ResponseTimes(spec), DEFAULT_EFFORT)
     search.run()
     return search.best

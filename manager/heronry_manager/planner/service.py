@@ -1,14 +1,14 @@
-"""The planner in a process of its own, warm: the solver is loaded and the spec is read before the first request.
+"""The planner in a process of its own, which loads the solver and reads the spec before the first request.
 
     python -m heronry_manager.planner.service FD
 
-FD is an open file that holds the spec. Requests come on standard input and are answered in their order on what was
-standard output; whatever else prints there goes to standard error. The verifier checks every plan before it is sent. An
-error in a request is its answer; the process goes on.
+FD is the descriptor of an open file with the spec. Requests come on standard input, and the process answers them in
+their order on standard output; other output of the process goes to standard error. The verifier checks every plan
+before it is sent. If a request fails, its answer is the error, and the process goes on.
 
-The process ends without a message when standard input closes, which it does when the client has ended for any reason,
-or when an answer can no longer be written. A thread waits for that, so that a search in progress does not outlive its
-client. A request is cancelled by ending the process.
+The process ends without a message when standard input closes, since the client has ended then, or when an answer can no
+longer be written. A thread waits for the end of standard input, so that a search in progress does not outlive its
+client. A client cancels a request by ending the process.
 """
 
 import os
@@ -33,7 +33,7 @@ from heronry_manager.planner.messages import (
 
 
 def main() -> None:
-    """Serve until standard input closes."""
+    """Answer requests until standard input closes."""
     answers = _own_standard_output()
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()
@@ -52,7 +52,7 @@ def answer(planner: Planner, line: bytes) -> Answer:
         return Refusal(None, str(error))
     try:
         return _planned(planner, request)
-    except Exception as error:  # noqa: BLE001 - a client waits: whatever went wrong is its answer
+    except Exception as error:  # noqa: BLE001 - the client waits for an answer
         return Refusal(request.number, f"the planner failed ({type(error).__name__}: {error})")
 
 
@@ -65,7 +65,7 @@ def _planned(planner: Planner, request: Request) -> Answer:
 
 
 def _own_standard_output() -> BinaryIO:
-    """Keep standard output for answers alone."""
+    """Return standard output, for answers alone; other output goes to standard error from now on."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return answers
@@ -86,7 +86,7 @@ def _send(answers: BinaryIO, message: Answer) -> None:
 
 
 def _end() -> NoReturn:
-    """End this process: the client is gone, and needs neither the search nor its answer."""
+    """End this process, since its client has ended."""
     os._exit(0)
 
 

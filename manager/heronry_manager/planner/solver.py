@@ -1,4 +1,4 @@
-"""How CP-SAT is set up for every search: measured to suit problems of 30 to 60 modules, and deterministic."""
+"""The settings of CP-SAT for every search: deterministic, and chosen by measurements on specs of 30 to 60 modules."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -12,11 +12,11 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Return the ways to search everything for levels of a kind, short ones first: each takes an effort, its limit.
+    """Yield the searches for levels of a kind, short ones first: functions of an effort that set up a solver.
 
-    A configuration that serves all that the linear relaxation allows is found soon. Where deadlines, hosts and CPU
-    together forbid some of it, the relaxation does not see that, and sets of inputs are looked for that cannot all be
-    had.
+    A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
+    deadlines, hosts and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
+    together.
     """
     if kind is Kind.SERVING:
         yield lambda effort: light_solver(min(effort, _SHORT_EFFORT[kind]))
@@ -30,13 +30,13 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
     """Set up a search over everything for levels of a kind. `effort`: its limit, in deterministic time."""
     solver = light_solver(effort)
     solver.parameters.cp_model_probing_level = 2
-    if kind is Kind.SERVING:  # what choosing and packing have left open is worth a long look beforehand
+    if kind is Kind.SERVING:  # thorough presolve, since choosing and packing have failed
         solver.parameters.max_presolve_iterations = 3
     return solver
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search for sets of terms that cannot all be had: what the linear relaxation does not bound."""
+    """Set up a search for sets of terms that exclude each other, which the linear relaxation does not bound."""
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True
     solver.parameters.core_minimization_level = 1
@@ -45,7 +45,7 @@ def core_solver(effort: float) -> CpSolver:
 
 
 def light_solver(effort: float) -> CpSolver:
-    """Set up a search that loses no time on preparations."""
+    """Set up a search with little presolve. `effort`: its limit, in deterministic time."""
     solver = CpSolver()
     solver.parameters.num_workers = 1
     solver.parameters.random_seed = 0
@@ -54,13 +54,13 @@ def light_solver(effort: float) -> CpSolver:
     solver.parameters.symmetry_level = 0
     solver.parameters.cut_level = 0
     solver.parameters.max_presolve_iterations = 1
-    solver.parameters.linearization_level = 2  # the bound that proves utility where there is too much work
+    solver.parameters.linearization_level = 2  # gives the bound that proves utility when not all functions fit
     solver.parameters.cp_model_probing_level = 0
     return solver
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Set up searches for places alone, all else being fixed by a hint: where the first one fails, the next may not."""
+    """Set up searches for places alone, in which the hint fixes all else; if the first fails, the next may not."""
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

@@ -1,21 +1,22 @@
-"""The best plan for every fault set up to a size, in several phases, with as little searching as can be.
+"""The sweep: the best plan for every fault set up to a size, in several phases, with as few searches as possible.
 
-Fault sets are gone through by size. Each takes the phase's fault-free plan as what runs (docs/semantics.md, faults). A
-set is settled without a search
+The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
+(docs/semantics.md, faults). A set is settled without a search
 
-    by a plan    the best plan for the set less one element lives on: it is the best here, too (`heronry_dg.losses` has
-                 the proof). What such a plan is worth is inherited with it, and so is a proof that is missing: what
-                 bounds the worth with fewer faults bounds it with more.
-    by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
-                 has a purpose, and the same routes between them. A device and its only driver are the usual pair.
+    by a plan    if the best plan for the set less one element does not use the lost elements: then it is the best one
+                 here, too (`heronry_dg.losses` has the proof). The set inherits the plan with its worth; if the plan is
+                 not proven to be the best, neither is the inherited one: a bound with fewer faults is a bound with
+                 more.
+    by a twin    if another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
+                 has a purpose, and the same routes between these PEs. A device and its only driver are the usual pair.
 
-So a device on a dead PE, a PE behind a dead gateway and everything that a plan leaves idle cost nothing. Pruning is
-exact in what plans are worth. Between plans worth the same at all seven levels it may choose another one than the
-planner would.
+So a device on a dead PE, a PE behind a dead gateway and all elements that a plan does not use cost no search. Pruning
+never changes the worth of a plan. Between plans of the same worth at all seven levels it may choose another one than
+the planner would.
 
-`Sweep` does not plan by itself: `run` is given a function that answers questions, in any order, from a journal, in this
-process or in many. What comes out does not depend on the order, because the questions of one size do not depend on
-each other.
+`Sweep` does not plan by itself: `run` gets a function that answers questions, in any order, from a journal, in this
+process or in many. The result does not depend on the order, because the questions of one size do not depend on each
+other.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -36,33 +37,33 @@ FaultSet = frozenset[str]
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """What a sweep covers: all sets of up to `faults` of these elements, in these phases."""
+    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases."""
 
     elements: tuple[str, ...]
     faults: int
     phases: tuple[Phase, ...]
 
     def fault_sets(self) -> Iterator[FaultSet]:
-        """All sets: the smaller ones first, then in the order of the elements."""
+        """Give all sets, the smaller ones first; sets of one size in the order of the elements."""
         for size in self.sizes():
             yield from self.of_size(size)
 
     def sizes(self) -> range:
-        """Sizes of the sets, from 0."""
+        """Give the sizes of the sets, from 0."""
         return range(min(self.faults, len(self.elements)) + 1)
 
     def of_size(self, size: int) -> Iterator[FaultSet]:
-        """All sets of a size, in the order of the elements."""
+        """Give all sets of a size, in the order of the elements."""
         return map(frozenset, combinations(self.elements, size))
 
     def set_count(self) -> int:
-        """How many sets there are, the empty one among them."""
+        """Give the number of sets, with the empty one."""
         return sum(comb(len(self.elements), size) for size in self.sizes())
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Plan this: some elements down in a phase, while something runs (None: nothing is known to)."""
+    """A request for a plan: the elements that are down in a phase, and what runs (None: none is known)."""
 
     phase: Phase
     down: FaultSet
@@ -92,7 +93,7 @@ class Tally:
     by_twin: int = 0
 
     def pruned_share(self) -> float:
-        """Share of all that needed no search."""
+        """Give the share of all fault sets that needed no search, from 0 to 1."""
         total = self.searched + self.by_plan + self.by_twin
         return (self.by_plan + self.by_twin) / total if total else 0.0
 
@@ -101,15 +102,15 @@ class Sweep:
     """One sweep; `outcomes` and `tally` fill while it runs."""
 
     def __init__(self, spec: Spec, scope: Scope, *, prune: bool = True) -> None:
-        """Prepare a sweep; without pruning every set is planned, as a check of the proof."""
+        """Prepare a sweep; prune: False plans every set, to check the proof of pruning."""
         self.outcomes: dict[tuple[Phase, FaultSet], Outcome] = {}
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
         self._twins: dict[tuple[Phase, object], FaultSet] = {}
-        self._used: dict[int, frozenset[str]] = {}  # by identity of an outcome, all of which are kept
+        self._used: dict[int, frozenset[str]] = {}  # by `id` of an outcome; outcomes are kept, so it is unique
 
     def run(self, ask: Ask) -> None:
-        """Settle every fault set in every phase."""
+        """Settle every fault set in every phase; `ask` answers the questions that need a search."""
         for size in self._scope.sizes():
             questions, twins = self._open(size)
             for question, outcome in ask(size, questions):
@@ -118,12 +119,12 @@ class Sweep:
                 self._settle(phase, down, self.outcomes[phase, twin])
 
     def running(self, phase: Phase) -> Placement | None:
-        """What runs in a phase before faults come: its fault-free plan; None until that is known."""
+        """Give the placement in a phase without faults: its fault-free plan; None until that is known."""
         healthy = self.outcomes.get((phase, frozenset()))
         return None if healthy is None else placement(healthy.configuration)
 
     def _open(self, size: int) -> tuple[list[Question], list[tuple[Phase, FaultSet, FaultSet]]]:
-        """Settle what can be; return the open questions, and the sets that share the answer of another set."""
+        """Settle the sets that need no search; return the questions for the others, and the sets that have a twin."""
         questions: list[Question] = []
         twins: list[tuple[Phase, FaultSet, FaultSet]] = []
         running = {phase: self.running(phase) for phase in self._scope.phases}
@@ -148,7 +149,7 @@ class Sweep:
         return questions, twins
 
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
-        """Give the first set that leaves the same choice: the coarse comparison first, since it is cheap."""
+        """Give the first set that leaves the same choice, or this one; the cheap, coarse comparison comes first."""
         twin = self._twins.get((phase, rest))
         if twin is None:
             choice = choice_of(candidates(self._spec, Situation(down, {}, phase)))
@@ -156,7 +157,7 @@ class Sweep:
         return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
-        """Outcome of a set with one fault less that lives on: the first one in the order of the elements."""
+        """Give the outcome of the first set with one fault less whose plan uses no lost element, or None."""
         for element in sorted(down):
             outcome = self.outcomes[phase, down - {element}]
             if self._used[id(outcome)].isdisjoint(lost):
@@ -170,7 +171,7 @@ class Sweep:
 
 
 def what_is_left(left: Survivors) -> object:
-    """All that matters of what is left: with the same left, every phase has the same best plan."""
+    """Give all that plans can use after faults: if it is equal for two fault sets, so are their best plans."""
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),
         tuple(left.pe_cpu_millis.items()),
@@ -180,7 +181,7 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """All that the best plan of a phase depends on, while nothing has shrunk: what may run where, and how it connects.
+    """Give all that the best plan of a phase depends on, without limits: which modes may run where, and the routes.
 
     PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
     """

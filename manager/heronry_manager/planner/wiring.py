@@ -1,17 +1,17 @@
-"""What each input is wired to: gates, the producers behind them, and why a module runs at all.
+"""The variables that say which producer each input is wired to; with the rules on gates and on the purpose of a module.
 
-A wire is a literal per (consumer, mode, leaf, source). Gates need no variable of their own beyond one per input that
-may or may not hold: an input of an OR or a XOR. `_require` builds a gate that must hold whenever the literal `above`
-is true and below which nothing is wired when it is false; `_offer` builds an input that may hold while `above` is true
-and returns the literals of which exactly one is then true. A leaf with one possible source needs no variable at all:
-its wire is the literal that demands it.
+A wire is a literal for each (consumer, mode, leaf, source). Gates need a variable only for each input that may or may
+not hold: an input of an OR or a XOR. `_require` builds a gate that must hold if the literal `above` is true; if `above`
+is false nothing below the gate is wired. `_offer` builds an input that may hold while `above` is true; it returns
+literals of which exactly one is true if the input holds. A leaf with one possible source needs no variable: its wire is
+the literal `above` itself.
 
-A gate that holds with nothing wired below it (0-of-n) may then be said to hold or not: that is the same configuration,
-and saying that it holds never hurts, since the loader keeps such gates out of a XOR.
+For a gate that holds with nothing wired below it (0-of-n) both values of the literal mean the same configuration. That
+does no harm, since the loader keeps such gates out of a XOR.
 
-*Purpose* (semantics.md rule 5): a module that serves no function by itself must be wired to by a module that serves.
-Where modules could support each other in a circle, ranks make the support well-founded: each module is ranked above
-some module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
+*Purpose* (semantics rule 5): a module that serves no function by itself must feed a module that serves. Modules that
+feed each other in a circle must not justify each other, so ranks are used: each module has a higher rank than some
+module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,13 +28,13 @@ Link = tuple[str, str, str]  # consumer, producer, variable
 
 
 class Wiring:
-    """The variables of which consumer reads from which producer, in a given model."""
+    """The variables that say which consumer reads from which producer, in a given model."""
 
     def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
-        """Make the variables and state semantics rules 2, 3 and 5."""
+        """Add the variables, and the constraints of semantics rules 2, 3 and 5."""
         self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
         self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
-        self._forced: set[tuple[str, str, str]] = set()  # inputs whose wire is the literal that demands it
+        self._forced: set[tuple[str, str, str]] = set()  # inputs with one possible source
         self._model = model
         self._possible = possible
         self._choice = choice
@@ -46,7 +46,7 @@ class Wiring:
         self._purpose()
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
-        """Values that the wires have for a configuration; the other variables follow from them."""
+        """Yield the values of the wires for a configuration; the other variables follow from them."""
         for (consumer, mode, path), wires in self.wires.items():
             running = configuration.modules.get(consumer)
             wire = running.inputs.get(path) if running is not None and running.mode == mode else None
@@ -108,7 +108,7 @@ class Wiring:
             self.links.setdefault((where[0], source.module, leaf.variable), []).append(literal)
 
     def _producers_run(self) -> None:
-        """Let every wire start at a module that runs in a mode that gives the version (semantics rule 2).
+        """Require that the producer of each wire runs in a mode that gives the wire's version (semantics rule 2).
 
         A consumer reads one version of a variable from one producer, so the wires for one variable of a producer add up
         to at most one.

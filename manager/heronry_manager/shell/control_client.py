@@ -7,11 +7,11 @@ from heronry_manager.core.vocabulary import Order
 from heronry_manager.shell.control_place import ControlError, checked_length, default_folder, default_socket
 from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
 
-PATIENCE_S = 5.0  # a manager answers within a turn of its loop; one that is stopped never does
+PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
 
 def call(path: Path, order: Order) -> Answer:
-    """Give an order to the manager on a socket; raises ControlError where no manager answers."""
+    """Give an order to the manager on a socket; raises ControlError if no manager answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
@@ -21,7 +21,7 @@ def call(path: Path, order: Order) -> Answer:
             with line.makefile("rb") as replies:
                 answer = read_answer(replies.readline())
         except TimeoutError:
-            raise ControlError(f"the manager on {path} does not answer within {PATIENCE_S:.0f} s: it hangs") from None
+            raise ControlError(f"the manager on {path} does not answer within {PATIENCE_S:.0f} s: restart it") from None
         except (FileNotFoundError, ConnectionError):
             raise ControlError(f"no manager listens on {path}: start one with 'heronry manager SPEC'") from None
         except OSError as error:
@@ -32,7 +32,7 @@ def call(path: Path, order: Order) -> Answer:
 
 
 def find_socket(spec_name: str | None) -> Path:
-    """Socket of the manager of a spec; without a name, of the only manager that runs. Raises ControlError."""
+    """Give the socket of a spec's manager; without a name, of the only running manager. Raises ControlError."""
     if spec_name is not None:
         return default_socket(spec_name)
     found = sorted(default_folder().glob("*.sock"))

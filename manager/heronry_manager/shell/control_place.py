@@ -1,9 +1,9 @@
-"""Where a running manager of this computer listens to its operator: one socket for each spec.
+"""The place of the socket on which a manager of this computer takes orders: one for each spec.
 
     $XDG_RUNTIME_DIR/heronry/SPEC.sock, or /tmp/heronry-UID/SPEC.sock where there is no XDG_RUNTIME_DIR
 
-Only its owner may enter the folder, and any other folder is refused: a process that can reach the socket commands the
-aircraft.
+The folder must belong to this user, and be closed to others; any other folder is refused: a process that can reach the
+socket can command the aircraft.
 """
 
 import os
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from heronry_wire.errors import HeronryError
 
-_LONGEST_PATH_BYTES = 107  # of the address of a UNIX-domain socket on Linux: 108 with its end
+_LONGEST_PATH_BYTES = 107  # of a UNIX-domain socket's address on Linux: 108 with the final zero
 
 
 class ControlError(HeronryError):
@@ -21,18 +21,18 @@ class ControlError(HeronryError):
 
 
 def default_folder() -> Path:
-    """Folder of this user's sockets."""
+    """Give the folder of this user's sockets."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "heronry" if runtime else Path(tempfile.gettempdir()) / f"heronry-{os.getuid()}"
 
 
 def default_socket(spec_name: str) -> Path:
-    """Socket of the manager of a spec."""
+    """Give the socket of a spec's manager."""
     return default_folder() / f"{spec_name}.sock"
 
 
 def owned_folder(folder: Path) -> Path:
-    """Make a folder that only its owner can enter, or check that it is one; raises ControlError."""
+    """Make a folder that only this user can enter, or check an existing one; raises ControlError."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -45,7 +45,7 @@ def owned_folder(folder: Path) -> Path:
 
 
 def checked_length(path: Path) -> Path:
-    """Give the path if it fits into an address; raises ControlError."""
+    """Give the path back if it fits into a socket address; raises ControlError if it is too long."""
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
         raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter one with --socket")
     return path

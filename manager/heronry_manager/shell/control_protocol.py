@@ -29,7 +29,7 @@ _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A reply as it travels."""
+    """A reply as it is sent."""
 
     done: bool
     sentence: str
@@ -37,7 +37,7 @@ class Answer:
 
 
 def order_line(order: Order) -> bytes:
-    """Write a request."""
+    """Encode a request."""
     match order:
         case AskStatus():
             return _line({"v": VERSION, "do": "status"})
@@ -52,10 +52,10 @@ def order_line(order: Order) -> bytes:
 
 
 def read_order(line: bytes) -> Order | str:
-    """Read a request, or give a sentence about what is wrong with it."""
+    """Decode a request; gives a sentence on what is wrong if it is not one."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
-            return f"this manager speaks version {VERSION} of the control protocol, not {version}: use one heronry"
+            return f"this manager speaks version {VERSION} of the control protocol, not {version}: use equal versions"
         case {"v": _, "do": "status"}:
             return AskStatus()
         case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
@@ -65,13 +65,13 @@ def read_order(line: bytes) -> Order | str:
 
 
 def answer_line(answer: Answer) -> bytes:
-    """Write a reply."""
+    """Encode a reply."""
     status = {} if answer.status is None else {"status": answer.status}
     return _line({"v": VERSION, "done": answer.done, "sentence": answer.sentence, **status})
 
 
 def read_answer(line: bytes) -> Answer | None:
-    """Read a reply; None where it is none."""
+    """Decode a reply; None if the line is not one."""
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:
             status = rest.get("status")

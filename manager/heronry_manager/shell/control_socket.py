@@ -1,11 +1,11 @@
-"""The operator's way in: a UNIX-domain socket of the running manager, read by the driver's loop. It blocks nowhere.
+"""The operator's UNIX-domain socket of a running manager, read by the driver's loop. No call here blocks.
 
 A lock beside the socket shows that a manager listens: the manager holds it as long as its process lives, and the kernel
-releases it however the process ends. A manager that gets the lock replaces the socket, be one left behind (SIGKILL) or
-not; a second manager does not get it, and stops with an error. Only its owner can open the socket, and the kernel tells
-the user of each caller: the owner, or root.
+releases it however the process ends. A manager that gets the lock replaces a socket that was left behind (SIGKILL). A
+second manager does not get the lock, and stops with an error. Only its owner and root can open the socket; the kernel
+tells the user of each caller, and others are dropped.
 
-A caller that sends too much without a line break, or does not read its answer, is dropped; so is one more than
+A caller that sends too much without a line break, or does not read its answer, is dropped; so is a caller beyond
 MOST_CALLERS. Other callers are not affected.
 """
 
@@ -31,10 +31,10 @@ class ControlSocket:
     """A socket that listens on a path, with its callers."""
 
     def __init__(self, path: Path) -> None:
-        """Listen; raises ControlError where another manager listens already, or the path cannot be used."""
+        """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""
         self.path = checked_length(path)
         self._lock = _locked(owned_folder(path.parent) / f"{path.name}.lock")
-        self._callers: dict[socket.socket, bytes] = {}  # and what each has sent of its next line
+        self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -54,7 +54,7 @@ class ControlSocket:
         self.close()
 
     def readers(self) -> list[socket.socket]:
-        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
         return [self._listener, *self._callers]
 
     def poll(self) -> list[OperatorSaid]:
@@ -69,13 +69,13 @@ class ControlSocket:
         return said
 
     def answer(self, reply: Reply) -> None:
-        """Answer an order; the answer is lost where the caller has hung up."""
+        """Answer an order; the answer is lost if the caller has hung up."""
         caller = self._awaiting_answer.pop(reply.number, None)
         if caller in self._callers:
             self._tell(caller, Answer(reply.done, reply.sentence, reply.status))
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the socket and every call, and release the lock."""
         for one in self.readers():
             one.close()
         self._callers.clear()
@@ -92,7 +92,7 @@ class ControlSocket:
         self._listener.listen()
 
     def _let_in(self) -> None:
-        with contextlib.suppress(OSError):  # it may have hung up already
+        with contextlib.suppress(OSError):  # the caller may have hung up already
             caller, _ = self._listener.accept()
             caller.setblocking(False)
             credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
@@ -128,7 +128,7 @@ class ControlSocket:
             sent = caller.send(line)
         except OSError:
             sent = 0
-        if sent < len(line):  # it does not read its answers
+        if sent < len(line):  # the caller does not read its answers
             self._drop(caller)
 
     def _drop(self, caller: socket.socket) -> None:
@@ -138,7 +138,7 @@ class ControlSocket:
 
 
 def _locked(file: Path) -> IO[str]:
-    """Take the lock and keep it for as long as the file is open; raises ControlError where another process holds it."""
+    """Take the lock and keep it for as long as the file is open; raises ControlError if another process holds it."""
     try:
         lock = file.open("a+")
     except OSError as error:

@@ -1,16 +1,16 @@
 """The manager's thin shell: one bus, the processes that plan, one operator's socket, one select loop.
 
 Order of a turn: everything that has arrived (frames, answers of the planner, the operator's orders) goes into the core
-before a deadline may pass, so that a time in which this process did not run is not taken for silence of the other
+before the core handles a deadline. So a time in which this process did not run does not count as silence of the other
 nodes. Time is CLOCK_MONOTONIC.
 
 While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that cannot receive
-must not take that for the silence of all PEs. Afterwards it goes on where it was, with its term and the operator's
-orders. PEs that went on too are as it knew them, a PE that was restarted says so, and a manager that took over
+must not count that as silence of all PEs. Afterwards the manager goes on with its term and the operator's orders. PEs
+that went on too are as the manager knew them, a restarted PE reports a new incarnation, and a manager that took over
 meanwhile has a higher term.
 
-Ends: when the core says Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends because
-the process that started the manager is gone.
+The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends
+because the process that started the manager is gone.
 """
 
 import os
@@ -46,8 +46,8 @@ from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.service_manager import ServiceManager
 
-# What the manager listens to: commands, EMCY and states, and the echoes of what it sends; no data, which is most of
-# the traffic. (A driver's filter holds back echoes too.)
+# The manager receives commands, EMCYs, states, and the echoes of its own frames (a filter holds back echoes too), but
+# no data, which is most of the traffic.
 FILTERS = (
     {"can_id": REQUEST_ID, "can_mask": 0x7FE, "extended": False},  # 128 and 129: node services, channel 0
     {"can_id": 0x0C0, "can_mask": 0x7C0, "extended": False},  # 192..255
@@ -77,10 +77,10 @@ class ManagerDriver:
         self._core, self._link, self._planners, self._control = core, link, planners, control
         self._emit, self._service, self._journal = emit, service, journal
         self._journal_problem: str | None = None
-        self._stood_still_ns = 0  # by which the core's clock is behind
-        self._frozen_ns: int | None = None  # what it sends while the bus is lost
-        self._lost_channels: frozenset[int] = frozenset()  # as the core knows it
-        self._said: deque[Frame] = deque()  # ALIVEs that are on the bus, and the core does not know it yet
+        self._stood_still_ns = 0  # how far the core's clock is behind
+        self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: it is not
+        self._lost_channels: frozenset[int] = frozenset()  # as the core knows them
+        self._said: deque[Frame] = deque()  # ALIVEs on the bus of which the core does not know yet
         self._link.on_departure = self._departed
         self._stop_reason: str | None = None
         self._stopping = False
@@ -112,7 +112,7 @@ class ManagerDriver:
         return self._stop_reason
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk once every frame is out; tell the core of a problem, and of its end."""
+        """Sync the journal to the disk once every frame is out; tell the core when a problem begins and ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:
@@ -130,11 +130,11 @@ class ManagerDriver:
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
     def _now_ns(self) -> int:
-        """Time on the core's clock."""
+        """Give the time on the core's clock, in nanoseconds."""
         return time.monotonic_ns() - self._stood_still_ns if self._frozen_ns is None else self._frozen_ns
 
     def _look_at_link(self) -> None:
-        """Tell the core the link status events of the bus; stop the core's clock while the bus is lost."""
+        """Emit the link status events of the bus; stop the core's clock while the bus is lost."""
         for sentence in self._link.take_link_events():
             self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
             self._service.status(sentence)
@@ -146,7 +146,7 @@ class ManagerDriver:
         if isinstance(self._link, ReplicatedLink):
             self._compare_channels(self._link.lost_channels(time.monotonic_ns()))
         if is_lost:
-            self._service.lives(time.monotonic_ns())  # it sends again once the bus is back
+            self._service.lives(time.monotonic_ns())  # else the service manager would restart this process
 
     def _compare_channels(self, lost: frozenset[int]) -> None:
         if lost != self._lost_channels:
@@ -172,7 +172,7 @@ class ManagerDriver:
         self._carry_out(self._core.step(self._now_ns(), happened))
 
     def _carry_out(self, actions: list[ManagerAction]) -> None:
-        """Carry out the actions in order; a plan that is there immediately goes to the core after all of them."""
+        """Carry out the actions in order; then hand the core the plans that were answered immediately."""
         answers: list[ManagerEvent] = []
         for action in actions:
             match action:

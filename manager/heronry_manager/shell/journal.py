@@ -1,32 +1,32 @@
-"""The manager's journal: its memory on disk, so that a kill at any byte loses nothing that matters.
+"""The manager's journal: its memory on disk. A kill at any byte loses nothing that a restart needs.
 
-    STATE_DIR/manager-NODE.journal      lines of `checked_lines`, only ever appended; replaced as a whole when it is
-                                        opened and when it has grown long
+    STATE_DIR/manager-NODE.journal      lines of `checked_lines`, only ever appended; the file is written anew when it
+                                        is opened, and when it has grown long
 
 Each line is `[number, kind, fields...]`; number 0 is the head (format, name and digest of the spec), the others are
 records of `memory`, numbered in turn. *Every line is written twice*, with an empty line between the copies: a single
-bit that has changed on the disk, be it a line break, leaves one copy of every record. What is not whole in either copy
-ends the facts there, so that what is remembered is always something that was once true; the numbers (terms, blocks of
-epochs or counters) are taken from whatever line is whole, before the damage or behind it: they only rise.
+bit that has changed on the disk, even in a line break, leaves one copy of every record. If both copies of a record are
+damaged, no fact behind it is read, so the facts that are read were all true at one time. Numbers (terms, blocks of
+epochs or counters) are read from every undamaged line, before and behind the damage: they only rise.
 
 To reserve numbers that must never be used twice, the core gives `Keep(Reserved(kind, last))` before the first frame
-that uses one of the block: it is fsynced before anything that comes after it in the same list of actions is sent. After
-a restart `memory.reserved[kind]` is the last number that may have been used.
+that uses a number of the block. The driver carries actions out in order, so the record is fsynced before any later
+frame is sent. After a restart `memory.reserved[kind]` is the last number that may have been used.
 
-When is what on disk?
+When each part is on disk:
 
     terms, blocks of numbers   fsynced before `write` returns, hence before any later frame
     facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by `sync`,
-                               which the driver calls when its frames are out
-    the whole file             a draft is fsynced, takes the old one's place, and the folder is fsynced
+                               which the driver calls when no frame waits to be sent
+    the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
-A disk that is full or read-only does not stop the manager: `problem` tells of it, the memory goes on without the disk,
-and every later write tries to put down all of it anew. Until it succeeds a restart may begin a term or a block a second
-time.
+A disk that is full or read-only does not stop the manager: `problem` says what is wrong, the memory goes on without the
+disk, and every later write tries to write the whole file anew. Until a write succeeds, a restart may use a term or a
+block of numbers a second time.
 
-A journal belongs to one spec. Where the spec has changed the manager starts only with `--changed-spec`: then the
-numbers stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write it: a
-lock beside it ensures that, and goes with the process.
+A journal belongs to one spec. If the spec has changed the manager starts only with `--changed-spec`: then the numbers
+stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
+lock file beside it ensures that, and the kernel releases the lock when the process ends.
 """
 
 import fcntl
@@ -51,19 +51,19 @@ class JournalError(HeronryError):
 
 
 def written(number: int, content: list[str | int]) -> bytes:
-    """Both copies of one line."""
+    """Give both copies of one line."""
     line = checked_line([number, *content])
     return line + b"\n" + line
 
 
 def whole_journal(spec: Spec, memory: Memory) -> bytes:
-    """Shortest journal that holds this memory."""
+    """Give the shortest journal that holds this memory."""
     contents = [_head(spec), *map(as_json, memory.records())]
     return b"".join(written(number, content) for number, content in enumerate(contents))
 
 
 def recovered(data: bytes) -> tuple[Memory, str | None]:
-    """Read a journal, damaged or not: the memory, and the digest of its spec (None: that cannot be read)."""
+    """Read a journal, damaged or not; gives the memory, and the digest of its spec (None: that is damaged)."""
     contents = dict(_whole_lines(data))
     first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
     facts, numbers = NOTHING, NOTHING
@@ -95,10 +95,10 @@ def _whole_lines(data: bytes) -> Iterator[tuple[int, list[object]]]:
 
 
 class Journal:
-    """The journal of one manager, open for writing; `memory` is what it holds, or would if the disk let it."""
+    """The journal of one manager, open for writing; `memory` is its content, even while the disk fails."""
 
     def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
-        """Open the journal, or begin one; raises JournalError."""
+        """Open or begin the journal; raises JournalError if it is locked, unreadable, or of another spec."""
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None
@@ -123,7 +123,7 @@ class Journal:
         self.close()
 
     def write(self, record: Record) -> None:
-        """Append a record; `problem` tells afterwards whether the disk has it."""
+        """Append a record; afterwards `problem` says why it is not on disk, or is None."""
         self.memory = self.memory.after(record)
         if self.problem is not None or self._bytes > _LONGEST_BYTES:
             self._put_down()
@@ -139,7 +139,7 @@ class Journal:
             self._fail(error)
 
     def sync(self) -> None:
-        """Sync to the disk what was written."""
+        """Fsync all records that were written."""
         if self._is_synced or self.problem is not None:
             return
         try:
@@ -149,7 +149,7 @@ class Journal:
             self._fail(error)
 
     def close(self) -> None:
-        """Write what is left, and release the file and its lock."""
+        """Fsync, close the file, and release its lock."""
         self.sync()
         for descriptor in (self._stream, self._lock):
             if descriptor >= 0:
@@ -167,7 +167,7 @@ class Journal:
         except OSError:
             os.close(self._lock)
             raise JournalError(
-                f"{self.file} is kept by another manager; stop that one, or name another folder with --state-dir"
+                f"another manager writes {self.file}; stop that one, or name another folder with --state-dir"
             ) from None
 
     def _read(self, *, accept_changed_spec: bool) -> None:
@@ -189,12 +189,12 @@ class Journal:
         if digest is not None and not accept_changed_spec:
             raise JournalError(
                 f"spec {self._spec.name} has changed since {self.file} was begun (its digest was {digest[:12]}, and is "
-                f"{self._spec.digest[:12]}); fly the old one, or begin anew with this one (--changed-spec)"
+                f"{self._spec.digest[:12]}); go on with the old spec, or accept this one with --changed-spec"
             )
         self.memory = self.memory.numbers()
 
     def _put_down(self) -> None:
-        """Write all of it to a new file, which takes the old one's place."""
+        """Write the whole journal to a new file, which replaces the old one."""
         data, draft = whole_journal(self._spec, self.memory), self.file.with_suffix(".new")
         stream = -1
         try:

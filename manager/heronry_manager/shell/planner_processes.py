@@ -1,6 +1,6 @@
-"""The planner's processes behind the planning policy: requests go to them, and their answers come back.
+"""The processes that plan, behind the planning policy: requests go to them, and their answers come back.
 
-The planner's own process is warm before the flight; the pre-planner is started with the first background request.
+The planner's process is started before the flight; the pre-planner's with its first question.
 `heronry_manager.core.planning_policy` decides which process gets which request.
 """
 
@@ -27,13 +27,13 @@ class PlannerLink(Protocol):
     """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
 
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
-        """Ask for a plan."""
+        """Request a plan for situation `now`; `poll` returns the answer, with this number."""
 
     def poll(self) -> list[Planned | Failed]:
         """Return the answers that have arrived, without waiting."""
 
     def fileno(self) -> int:
-        """Descriptor that is readable when `poll` has something to do."""
+        """Give the descriptor that is readable when `poll` has something to do."""
 
 
 class PlannerProcesses:
@@ -42,20 +42,20 @@ class PlannerProcesses:
     def __init__(
         self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
     ) -> None:
-        """`planner`: None where there is no solver, and the policy knows that; then no pre-planner is started."""
+        """`planner`: None where there is no solver; the policy must know that, and starts no pre-planner."""
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
 
     def readers(self) -> list[PlannerLink]:
-        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
-        """Pass on what the core says; returns an answer that is there immediately, any other one comes from `poll`."""
+        """Hand a request or report of the core to the policy; returns an immediate answer, `poll` any later one."""
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:
-        """Return the answers to the core's requests; answers to background requests stay with the policy."""
+        """Return the answers to the core's requests; the pre-planner's answers stay with the policy."""
         ahead = [] if self._pre_planner is None else self._pre_planner.poll()
         answers = [] if self._planner is None else self._planner.poll()
         events: list[FromPlanner] = [

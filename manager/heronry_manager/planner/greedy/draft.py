@@ -1,13 +1,12 @@
 """A configuration in the making, in which every change can be undone.
 
 Which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every capacity:
-plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a mark. So a try costs
-what it touches and nothing more.
+plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a mark. So the cost of
+a try depends only on the changes that it makes.
 
-What always holds (rules are those of docs/semantics.md): capacities, placement rules and DEMUX exclusion (semantics
-rules 1, 4, 7, 8) of whatever runs; a wire joins a running producer in a mode that its leaf accepts to a running
-consumer (semantics rule 2). The caller of `start` sees to the needs of what runs (semantics rule 3), and `sweep` to
-semantics rule 5.
+A draft always keeps the rules of docs/semantics.md on capacities, placement and DEMUX exclusion (semantics rules 1, 4,
+7, 8), and on wires: each joins a running producer, in a mode that the leaf accepts, to a running consumer (semantics
+rule 2). The caller of `start` must wire the needs of the module (semantics rule 3); `sweep` restores semantics rule 5.
 """
 
 from collections.abc import Callable
@@ -26,7 +25,7 @@ MayPublish = Callable[["Draft", list[Publication]], bool]
 
 
 class Draft:
-    """What runs so far."""
+    """The modules that run so far, their wires, and the room that is left."""
 
     __slots__ = (
         "_cpu_of",
@@ -57,7 +56,7 @@ class Draft:
     )
 
     def __init__(self, tables: Tables, scene: Scene, may_publish: MayPublish | None = None) -> None:
-        """Start from nothing. `may_publish` is called before anything new is put on a bus."""
+        """Start with no module. `may_publish` is called before each new message on a bus, and may refuse it."""
         self.tables = tables
         self.may_publish = may_publish
         self.mode = [-1] * len(tables.numbers.modules)
@@ -70,8 +69,8 @@ class Draft:
         self.running = 0  # set of modules
         self.feeder = [-1] * len(tables.leaves.mode)  # module that feeds a leaf
         self.consumers: list[dict[int, None]] = [{} for _ in tables.numbers.modules]  # module -> leaves, in order
-        self.published: dict[Publication, int] = {}  # how many leaves read it there
-        self.refused = False  # a bus or a placement rule forbids it: another PE may do better
+        self.published: dict[Publication, int] = {}  # number of leaves that read it from there
+        self.refused = False  # a bus or a placement rule refused a try: another PE may fit
         self._trail: list[tuple[int, ...]] = []
         self._cpu_of, self._ram_of, self._flash_of = tables.sizes.cpu, tables.sizes.ram, tables.sizes.flash
         self._separate, self._together, self._rivals = tables.rules.separate, tables.rules.together, tables.rules.rivals
@@ -81,11 +80,11 @@ class Draft:
     # The trail
 
     def mark(self) -> int:
-        """Remember this state."""
+        """Return a mark of the present state, for `undo`."""
         return len(self._trail)
 
     def undo(self, mark: int) -> None:
-        """Go back to a state."""
+        """Go back to the state of a mark."""
         trail = self._trail
         while len(trail) > mark:
             kind, *what = trail.pop()
@@ -101,7 +100,7 @@ class Draft:
     # Running
 
     def fits(self, module: int, mode: int, pe: int) -> bool:
-        """Tell whether a module that does not run could run there, which must be one of its hosts."""
+        """Tell whether a stopped module could run in a mode on a PE, which must be one of its hosts."""
         if (
             self._cpu_of[mode] > self.cpu[pe]
             or self._ram_of[mode] > self.ram[pe]
@@ -115,12 +114,12 @@ class Draft:
         return not self._rivals[module] & self.running
 
     def start(self, module: int, mode: int, pe: int) -> None:
-        """Start a module where it `fits`, with nothing wired."""
+        """Start a module where it `fits`, without wires."""
         self._enter(module, mode, pe)
         self._trail.append((_STARTED, module))
 
     def stop(self, module: int) -> None:
-        """Stop a module that feeds nothing and is fed by nothing any more."""
+        """Stop a module that has no wires any more."""
         self._trail.append((_STOPPED, module, self.mode[module], self.pe[module]))
         self._leave(module)
 
@@ -147,7 +146,7 @@ class Draft:
     # Wires
 
     def wire(self, leaf: int, consumer: int, producer: int) -> bool:
-        """Feed a leaf of a running module from another one whose mode it accepts; False: a bus has no room."""
+        """Wire a leaf of a running module to a running producer whose mode it accepts; False: a bus has no room."""
         route = self._route[self.pe[producer]][self.pe[consumer]]
         if route and not self._room_on(route, producer, self._variable[leaf]):
             self.refused = True
@@ -226,7 +225,7 @@ class Draft:
         return False
 
     def sweep(self, outputs: int) -> None:
-        """Stop whatever serves none of the outputs that run (semantics rule 5)."""
+        """Stop all modules that serve none of the running outputs (semantics rule 5)."""
         mode, feeder, leaves_of = self.mode, self.feeder, self._leaves_of
         serving = frontier = self.running & outputs
         while frontier:

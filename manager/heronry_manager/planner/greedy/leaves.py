@@ -1,4 +1,4 @@
-"""Inputs and gates: every leaf has a number from 0, through all modes, and every gate is a node of a tree of tuples."""
+"""Inputs and gates as integers: leaves are numbered from 0 through all modes; a gate is a tree of tuples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ cheapest first."""
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """All leaves, by number, and the gates as they are written."""
+    """All leaves, by number, and the gates as the spec writes them."""
 
-    mode: list[int]  # whose input it is
-    module: list[int]  # the same
+    mode: list[int]  # by leaf: the mode that reads it
+    module: list[int]  # by leaf: the module that reads it
     path: list[str]
     variable: list[int]
-    worth: list[dict[int, int]]  # mode that may feed it -> points
-    wire: list[dict[int, Wire]]  # mode that may feed it -> the wire
+    worth: list[dict[int, int]]  # by leaf: mode that may feed it -> points
+    wire: list[dict[int, Wire]]  # by leaf: mode that may feed it -> the wire
     of_mode: list[list[int]]  # by mode: its leaves
     written: list[Node | None]  # by mode: what it needs, with inputs in the order in which they are written
 
@@ -63,7 +63,7 @@ class _Numberer:
                 assert_never(gate)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
-        """Number a leaf. A module feeds itself only in the one mode that it runs in."""
+        """Number a leaf, and list the modes that may feed it. A module may feed itself only from the same mode."""
         numbers, leaves, number = self._numbers, self.leaves, len(self.leaves.mode)
         leaves.mode.append(mode)
         leaves.module.append(numbers.module_of[mode])

@@ -12,7 +12,7 @@ from heronry_dg.situation import elements
 
 @dataclass(frozen=True, slots=True)
 class Numbering:
-    """The number of each element, and the element of each number."""
+    """Maps each element to its number, and each number to its element."""
 
     spec: Spec
     modules: list[Module]
@@ -23,14 +23,14 @@ class Numbering:
     pe_number: dict[str, int]
     bus_number: dict[str, int]
     variable_number: dict[str, int]
-    modes: list[tuple[int, Mode]]  # each with the module it is of
+    modes: list[tuple[int, Mode]]  # each with the number of its module
     module_of: list[int]  # by mode
     modes_of: list[list[int]]  # by module
     mode_number: dict[tuple[str, str], int]  # by the names of module and mode
 
 
 def numbered(spec: Spec) -> Numbering:
-    """Number everything."""
+    """Number the elements of a spec."""
     modules = list(spec.modules.values())
     modes = [(number, mode) for number, module in enumerate(modules) for mode in module.modes.values()]
     modes_of: list[list[int]] = [[] for _ in modules]
@@ -54,7 +54,7 @@ def numbered(spec: Spec) -> Numbering:
 
 
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
-    """Kind and number of every element of the spec that can be down; a channel has the number of its bus."""
+    """Give the kind and number of every element that can be down; a channel has the number of its bus."""
     of_kind: dict[str, Mapping[str, int]] = {
         "pe": numbers.pe_number,
         "module": numbers.module_number,

@@ -1,7 +1,7 @@
-"""In which order gates and givers are tried: by what they are worth, and by their price. Ties stay in the spec's order.
+"""The orders in which gates and givers are tried: by worth, and by price. Ties stay in the spec's order.
 
-*Price* of a mode: a guess at the CPU that running it takes, its cheapest producers included. It orders alternatives
-and decides nothing else.
+The *price* of a mode is a guess at the CPU that running it takes, its cheapest producers included. The price only
+orders alternatives. A *giver* of a leaf is a mode that may feed it.
 """
 
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from heronry_dg.gates import most_together
 from heronry_manager.planner.greedy.leaves import LEAF, ONE, SOME, Leaves, Node
 
-_PRICE_ROUNDS = 8  # as deep as prices look; deeper graphs are merely ordered less well
+_PRICE_ROUNDS = 8  # depth of producers that prices include; deeper graphs are ordered less well
 _UNPRICED = 1 << 40
 
 Giver = tuple[int, int]
-"""A mode that may feed a leaf, and the module it is of."""
+"""A mode that may feed a leaf, and its module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Orders:
 
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode
-    has_choice: list[bool]  # by mode: inputs could be supplied in ways of unlike worth
+    has_choice: list[bool]  # by mode: its inputs can be supplied in ways of different worth
     readers: list[int]  # by mode: the set of modes with a leaf that it may feed
     dearest: list[list[Giver]]  # by leaf, worth most first
     cheapest: list[list[Giver]]  # by leaf
@@ -31,7 +31,7 @@ class Orders:
 
 
 def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
-    """Put everything in order; `size` is that of each mode alone."""
+    """Work out all orders; `size`: of each mode, without its producers."""
     order = _Order(leaves, _prices(leaves, size))
     needs = [None if node is None else order.ordered(node) for node in leaves.written]
     givers = [[(mode, module_of[mode]) for mode in worths] for worths in leaves.worth]
@@ -66,13 +66,13 @@ def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
 
 
 class _Order:
-    """Computes what gates cost and are worth, at these prices of modes."""
+    """Computes the price and the worth of gates from these prices of modes."""
 
     def __init__(self, leaves: Leaves, price: list[int]) -> None:
         self._worth, self.price = leaves.worth, price
 
     def price_of(self, node: Node) -> int:
-        """Least price at which a gate holds."""
+        """Return the least price at which a gate holds."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)
@@ -80,7 +80,7 @@ class _Order:
         return min(sum(prices[:number]), _UNPRICED)
 
     def most_points(self, node: Node) -> int:
-        """Most points that the leaves of a gate can have together."""
+        """Return the most points that the leaves of a gate can have together."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return max(self._worth[number].values(), default=0)
@@ -88,14 +88,14 @@ class _Order:
         return most_together(points, 1 if kind == ONE else len(points))
 
     def has_choice(self, node: Node) -> bool:
-        """Tell whether inputs could be supplied in ways of unlike worth."""
+        """Tell whether the inputs of a gate can be supplied in ways of different worth."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return len(set(self._worth[number].values())) > 1
         return kind in (SOME, ONE) or any(map(self.has_choice, inputs))
 
     def ordered(self, node: Node) -> Node:
-        """Put the inputs of a gate in both orders."""
+        """Return a gate with its inputs in both orders: by worth and by price."""
         kind, number, inputs, _ = node
         parts = tuple(map(self.ordered, inputs))
         if kind not in (SOME, ONE):

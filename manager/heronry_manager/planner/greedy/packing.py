@@ -1,17 +1,17 @@
-"""When functions of class A to D find no room one after the other: choose first, then pack.
+"""Packing, for functions of class A to D that find no room one after the other: choose modules first, then place them.
 
-*Choose*: they are served in their cheapest modes, by their cheapest producers, on PEs without limits.
+*Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
 
-*Pack*: what came out of that is put on the real PEs without a wire: modules that have only one host first, then the
-largest first, each on the PE with the least room left. The size of a module counts what is scarce: its share of each
-resource is weighted by the demand for that resource. Modules that do not fit go to the front, and all are packed anew,
-a few times over; the packing that places the most modules is used.
+*Pack*: put the chosen modules on the real PEs, without wires: modules with only one host first, then the largest first,
+each on the PE with the least room left. The size of a module weights its share of each resource by the demand for that
+resource. Modules that do not fit go to the front of the order, and all are packed anew, a few times over; the packing
+that places the most modules is used.
 
-That is done with all of these functions together. Should some still be left out, a second answer takes them one after
-the other, the most important first, and keeps those for which all that was chosen so far can be packed.
+The first answer packs all of these functions together. A second answer takes them one after the other, the most
+important first, and keeps a function if all modules chosen so far can be packed.
 
-The answer says where modules should be, and nothing about wires: it stands in for what ran before, and a repair makes a
-configuration of it.
+An answer says where modules should run, and nothing about wires. It takes the place of the running configuration, and a
+repair (`repairing`) makes a configuration of it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,13 +25,13 @@ from heronry_manager.planner.greedy.serving import Before, Server
 from heronry_manager.planner.greedy.tables import Tables
 from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
-_ROUNDS: Final = 8  # for one packing
-_BUDGET: Final = 2000  # modules placed in all of them
+_ROUNDS: Final = 8  # of one packing
+_BUDGET: Final = 2000  # modules placed in all rounds
 _ENDLESS: Final = 1 << 60
 
 
 def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
-    """Choose and pack what serves the critical functions: all of them at once, then one after the other."""
+    """Choose and pack modules for the critical functions: all of them together, then one after the other."""
     draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.numbers.buses)))
     draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.numbers.pes) for _ in range(3))
     server = Server(tables, wanted, scene, draft, _nothing(tables))
@@ -58,13 +58,13 @@ def _nothing(tables: Tables) -> Before:
 
 
 def _choose(server: Server, goal: Goal) -> None:
-    """Run in a draft without limits the least that a function needs."""
+    """Serve a function in its cheapest mode, in a draft without limits."""
     if not server.is_served(goal):
         server.serve_in(reversed(goal.modes))
 
 
 class _Packer:
-    """Packs what was chosen."""
+    """Packs the chosen modules on the PEs of a scene."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene) -> None:
         self._tables, self._scene = tables, scene
@@ -108,7 +108,7 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
 
 
 def _pack(tables: Tables, server: Server, order: Sequence[int]) -> list[int]:
-    """Place modes without their wires; give those that found no place."""
+    """Place modes without their wires; return the modes that found no place."""
     left_out = []
     for mode in order:
         module = tables.numbers.module_of[mode]

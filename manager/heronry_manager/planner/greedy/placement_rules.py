@@ -1,4 +1,4 @@
-"""Rules between modules: which may not run together, which must, and which are branches of one DEMUX."""
+"""Rules between modules: which must run on different PEs, which on one PE, and which are branches of one DEMUX."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class PlacementRules:
-    """By module: sets of others."""
+    """For each module the set of other modules under the same rule."""
 
     separate: list[int]
     together: list[int]
     rivals: list[int]  # other branches of the same DEMUX
-    demuxes: list[list[int]]  # their branches, in order
+    demuxes: list[list[int]]  # branches of each DEMUX, in order
 
 
 def placement_rules(numbers: Numbering) -> PlacementRules:
@@ -29,7 +29,7 @@ def placement_rules(numbers: Numbering) -> PlacementRules:
 
 
 def _others(numbers: Numbering, groups: Iterable[Iterable[str]]) -> list[int]:
-    """By module: the set of the other modules of its groups."""
+    """Return for each module the set of the other modules in its groups."""
     others = [0] * len(numbers.modules)
     for group in groups:
         members = [numbers.module_number[name] for name in group]

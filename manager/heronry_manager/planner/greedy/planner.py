@@ -1,24 +1,23 @@
-"""A legal plan without a search, for any situation, in pure Python: for use until, or unless, the optimum is known.
+"""The greedy planner: a legal plan for any situation, without a search or a solver, in pure Python.
 
-Nothing is proven here, and nothing is searched for long. What ran before is repaired (`repairing`): what still holds
-stays as it is, what a fault took is served again where there is room, and room is made for what matters more. Where a
-function of class A to D is still left out though no fault keeps it from running, what these functions need is chosen
-and packed anew (`packing`), in up to two ways, repaired in its turn, and the best of the drafts counts. Inputs that are
-optional, or could be better, are supplied last (`supplying`).
+The plan is not proven to be the best. The planner repairs the configuration that ran before (`repairing`): it keeps
+what still works, serves lost functions again where there is room, and makes room for the more important ones. If a
+function of class A to D is still not served, though no fault prevents it, the planner chooses and packs the modules for
+these functions anew (`packing`), in up to two ways, repairs the result, and takes the best of the drafts. It supplies
+optional and better inputs last (`supplying`).
 
-A plan is legal by construction, and by the verifier's own rules: capacities, placement rules, gates and buses are kept
-at every step of a draft (`draft`). Deadlines are checked when a draft is done (`punctuality`); where one would be
-missed, the draft is made once more with a check of every message that is about to be published. The empty plan is
-always legal, so there is always a plan.
+A plan is legal by construction: every step of a draft keeps the limits of capacities, placement rules, gates and buses
+(`draft`). Deadlines are checked when a draft is done (`punctuality`); if one would be missed, the draft is made once
+more, with a check of every message before it is published. The empty plan is always legal, so there is always a plan.
 
-No clock, no random source, no state but what follows from the spec: the same situation and running configuration give
-the same plan, whatever was planned before.
+The planner uses no clock, no random source, and no state but what follows from the spec: the same situation and running
+configuration always give the same plan.
 
     tables       the spec in integers, worked out once, from seven parts
-    scene        what a situation leaves
+    scene        the part of the spec that a situation leaves
     draft        a configuration in the making; every change can be undone
     serving      one function at a time
-    repairing    the order of things; what gives way to what
+    repairing    the order of the steps; which function gives way to which
     packing      when room is scarce
     supplying    optional inputs
     punctuality  deadlines
@@ -51,8 +50,8 @@ class Greedy:
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration, not proven to be the best.
 
-        now: a situation of this spec, as `situation` makes them. running: what runs now; the plan keeps to it where
-        that costs no function anything. None: nothing is known to run.
+        now: a situation of this spec. running: the running configuration, which the plan keeps where that costs no
+        function anything; None: none is known.
         """
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now.phase)
@@ -70,7 +69,7 @@ class Greedy:
         return before
 
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
-        """Find a draft that meets its deadlines; they are looked at one by one only where some would be missed."""
+        """Find a draft that meets its deadlines; check each message on its own only if some would be late."""
         repair = self._best(wanted, scene, before, None)
         if not self._punctuality.are_met(repair.draft):
             repair = self._best(wanted, scene, before, self._punctuality)
@@ -78,7 +77,7 @@ class Greedy:
         return repair
 
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
-        """Repair what ran; as long as that leaves out a critical function, pack anew as well."""
+        """Repair the configuration `before`; as long as a critical function is left out, also try a new packing."""
         best = Repair(self._tables, wanted, scene, before)
         best.run(punctuality)
         anew = packings(self._tables, wanted, scene)

@@ -8,15 +8,15 @@ is only bounded. First in closed form, with (w + J + tau) / T + 1 in place of th
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
-then, where that is too late, by iteration. Either gives a response J + w + C that is no less than the exact one, as
-long as it is within the message's own period: B is the longest frame there is, so it covers what one instance of a
-message may push in front of the next (Davis et al. 2007, section 3.4). And as the first instance alone, it is a lower
-bound of the exact one. Sources are looked at in the order of their identifiers, each along its route, so that every
-jitter is known when it is needed; what becomes a jitter is always iterated.
+and then, if that is too late, by iteration. Either way gives a response time J + w + C that is no less than the exact
+one, as long as it is within the message's own period: B is the longest frame there is, so it covers the blocking of one
+instance of a message by the one before (Davis et al. 2007, section 3.4). The iterated response time of the first
+instance alone is also a lower bound of the exact one. Sources are checked in the order of their identifiers, each along
+its route, so that every jitter is known when it is needed; a response time that becomes a jitter is always iterated.
 
-All of that is floating point, rounded away from the answer that it gives, and a jitter counts only if rounding does not
-change it. What is between the bounds is for the exact analysis, whose verdicts are remembered. So what is accepted here
-is what the verifier accepts, whatever the rounding.
+The bounds are floating-point numbers, rounded to the safe side, and a jitter counts only if rounding does not change
+it. Between the bounds the exact analysis decides; its verdicts are remembered. So this check accepts exactly the drafts
+that the verifier accepts, whatever the rounding.
 """
 
 from math import ceil
@@ -39,13 +39,13 @@ Source = tuple[int, int]  # module and variable
 
 
 class _Level:
-    """What is on a bus with more urgent identifiers than the next message."""
+    """The load on a bus from all messages that are more urgent than the next one."""
 
     __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
     def __init__(self, blocking_ns: float) -> None:
         self.blocking = self.demand = blocking_ns  # `demand`: numerator of the closed form
-        self.frames = 0.0  # of the demand, that of one frame of each message
+        self.frames = 0.0  # the part of the demand with one frame of each message
         self.load = 0.0
         self.streams: dict[tuple[float, float], float] = {}  # period, lateness -> frames: many have the same
 
@@ -62,9 +62,9 @@ class _Level:
         self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence until it does not change, or is beyond `most_ns`.
+        """Iterate the recurrence until it does not change, or is beyond `most_ns`; return the delay in ns.
 
-        It starts from what it would be without any round-up, which is less, and saves most of the way.
+        The iteration starts from the value without round-ups, which is less, and saves most of the steps.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
         while before < delay <= most_ns:
@@ -78,7 +78,7 @@ class Watch:
     """Checks every message before it is published, as long as its budget lasts; afterwards it allows none."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """`budget`: messages that it may check, those included that were published before."""
+        """`budget`: number of messages that may be checked; each check counts all published messages."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
@@ -91,7 +91,7 @@ class Punctuality:
     """Tells whether a draft's messages meet their deadlines."""
 
     def __init__(self, tables: Tables) -> None:
-        """Work out what does not depend on the draft."""
+        """Work out everything that does not depend on the draft."""
         self._tables = tables
         self._times = ResponseTimes(tables.numbers.spec)
         self._urgency = {
@@ -107,13 +107,13 @@ class Punctuality:
         self._verdicts: dict[frozenset[Hop], bool] = {}
 
     def are_met(self, draft: Draft) -> bool:
-        """Tell whether all that a draft publishes is in time."""
+        """Tell whether all messages of a draft are in time."""
         messages = list(draft.published)
         verdict = self._bounded(draft, messages, since=0)
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def stay_met(self, draft: Draft, more: list[Publication]) -> bool:
-        """Tell whether more may be published by a draft that is in time as it is."""
+        """Tell whether a draft that is in time stays so with more messages."""
         messages = [*draft.published, *more]
         since = min(self._urgency[module, variable] for module, variable, _ in more)
         verdict = self._bounded(draft, messages, since)
@@ -129,7 +129,7 @@ class Punctuality:
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
         """Return the verdict as far as the bounds go; None: they do not decide.
 
-        since: identifier; what is more urgent is known to be in time.
+        since: an identifier; all messages that are more urgent are known to be in time.
         """
         buses: dict[Source, list[int]] = {}
         for module, variable, bus in messages:
@@ -146,7 +146,7 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Bound the response times of a source along its route, and add it to what is above the others."""
+        """Bound the response times of a source along its route, and add its load to that above the next sources."""
         steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
             buses.sort(key=lambda bus: steps[bus][0])
@@ -164,7 +164,7 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time, exactly if it becomes a jitter; 0: it is too long, None: this is not known."""
+        """Bound one response time (ns), exactly if it becomes a jitter; 0: too long, None: the bounds do not decide."""
         if level.load > _FULL:
             return None
         period, given = self._period_ns[draft.mode[source[0]]], self._deadline_ns[source[1]]
@@ -199,7 +199,7 @@ class Punctuality:
         return self._verdicts[published]
 
     def _hop(self, draft: Draft, message: Publication) -> Hop:
-        """Return a publication as the verifier's response-time analysis names it."""
+        """Return a publication as a hop of the verifier's response-time analysis."""
         module, variable, bus = message
         tables = self._tables
         after = self._steps[draft.pe[module]][bus][1]
@@ -213,5 +213,5 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """For each bus on a way from one PE: how many come before it, and which one is the last of those (-1: none)."""
+    """Return for each bus on a way from one PE: the number of buses before it, and the last of those (-1: none)."""
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

@@ -1,13 +1,13 @@
-"""From what ran to what should run: the order in which the greedy planner does things.
+"""From the configuration that ran to a new one: the order in which the greedy planner works.
 
-1. *Adopt* what still holds, most important functions first, as it was.
-2. *Serve* what is left, most important first, in what room there is.
-3. *Make room* for what found none: producers go into cheaper modes that their readers accept; functions that matter
-   less are stopped, and others put into worse modes, one by one until it fits. Then what was stopped is served again as
-   far as it goes. All of that is kept only if levels 1 and 2 are better for it; otherwise it is undone.
+1. *Adopt*: keep functions that can still run as they did, the most important first.
+2. *Serve* the other functions, the most important first, in the room that is left.
+3. *Make room* for a function that found none: put producers into cheaper modes that their readers accept; stop
+   functions that matter less, and put others into worse modes, one by one until the function fits. Then serve the
+   stopped functions again, as far as possible. All of this is undone unless it improves levels 1 and 2.
 4. *Improve*: put functions into better modes while that fits.
 
-Inputs (level 3) come last, once all functions have what they can get: `supplying`.
+Inputs (level 3) come last, once every function is served as well as possible (`supplying`).
 """
 
 from typing import Final
@@ -21,8 +21,8 @@ from heronry_manager.planner.greedy.tables import Tables
 from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
 _TRIES: Final = 40  # functions stopped or worsened in all, to make room
-_SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
-_LOOKS_FOR_FUNCTIONS: Final = 3000  # messages looked at for deadlines, see `Watch`
+_SWITCH_FUEL: Final = 10  # modules tried in order to put one into another mode
+_LOOKS_FOR_FUNCTIONS: Final = 3000  # budget of messages for a `Watch`
 _LOOKS_FOR_INPUTS: Final = 1500
 
 
@@ -30,18 +30,18 @@ class Repair:
     """One draft for one situation."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
-        """Start from nothing; `before` is what ran, or what should."""
+        """Start with no module; `before`: where each module ran, or where a packing wants it."""
         self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
         self._tables, self._wanted, self._scene = tables, wanted, scene
         self._tries = _TRIES
 
     def run(self, punctuality: Punctuality | None = None) -> None:
-        """Serve what can be served: levels 1 and 2; with `punctuality`, such that all deadlines are met."""
+        """Serve all functions that can be served (levels 1 and 2); with `punctuality` given, deadlines are met."""
         goals = self._wanted.goals
         self._server.adopt(goals)
         if punctuality is not None:
-            in_time = punctuality.are_met(self.draft)  # as a rule: it ran
+            in_time = punctuality.are_met(self.draft)  # as a rule it is, since it ran before
             self.draft.may_publish = Watch(punctuality, _LOOKS_FOR_FUNCTIONS).may_publish
             if not in_time:
                 self.draft.undo(0)
@@ -54,7 +54,7 @@ class Repair:
         self._sweep()
 
     def supply(self, punctuality: Punctuality) -> None:
-        """Supply inputs: level 3; all deadlines are met before and after."""
+        """Supply optional and better inputs (level 3); a draft that meets all deadlines still does so afterwards."""
         mark = self.draft.mark()
         self.draft.may_publish = None
         supply(self.draft, self._server, self._tables)
@@ -65,11 +65,11 @@ class Repair:
         self._sweep()
 
     def score(self) -> int:
-        """Levels 1 and 2 in one number."""
+        """Return levels 1 and 2 of the draft as one number, to compare drafts."""
         return self._wanted.score(self.draft.mode)
 
     def unserved(self) -> list[Goal]:
-        """Functions that are not served, although no fault prevents it."""
+        """Return the functions that are not served, although no fault prevents it."""
         possible = self._scene.possible
         return [
             goal
@@ -95,13 +95,13 @@ class Repair:
             self.draft.undo(mark)
 
     def _serve_instead(self, goal: Goal) -> bool:
-        """Stop functions that matter less and worsen others, the least important first, until a function fits."""
+        """Stop less important functions and worsen others, the least important first; tell whether `goal` fits then."""
         stopped = []
         for other, matters_less in self._in_the_way(goal):
             if self._tries <= 0:
                 return False
             if not self._server.is_served(other):
-                continue  # it shared an output with one that was stopped
+                continue  # it shared an output with a stopped function
             self._tries -= 1
             if not (self._stop(other) if matters_less else self._worsen(other)):
                 continue
@@ -113,7 +113,7 @@ class Repair:
         return False
 
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
-        """Other functions that are served, and whether they matter less; first those on PEs where room is short."""
+        """Return the other served functions, and whether each matters less; first those on PEs where room is short."""
         goals, short = self._wanted.goals, self._server.short
         number = goals.index(goal)
         served = [(other, at) for at, other in enumerate(goals) if at != number and self._server.is_served(other)]
@@ -154,7 +154,7 @@ class Repair:
         return False
 
     def _shrink(self, pes: int) -> None:
-        """Put modules on some PEs into the cheapest modes that cost no function anything."""
+        """Put modules on these PEs into the cheapest modes that lower no function's value."""
         weight, size = self._wanted.weight, self._tables.sizes.size
         for module, mode in enumerate(self.draft.mode):
             if mode >= 0 and pes >> self.draft.pe[module] & 1:
@@ -172,7 +172,7 @@ class Repair:
     # Improving
 
     def _improve(self) -> None:
-        """Serve what can be served, and put outputs into better modes, as far as that fits."""
+        """Serve functions that are not served, and put outputs into better modes, where there is room."""
         weight, modes_of = self._wanted.weight, self._tables.numbers.modes_of
         for goal in self._wanted.goals:
             if self._server.serve(goal):

@@ -14,7 +14,7 @@ from heronry_manager.planner.greedy.wanted import Wanted
 
 
 def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, running: Placement | None) -> Plan:
-    """Write a draft down as a plan."""
+    """Give the plan of a draft; it is not proven to be the best."""
     configuration = configuration_of(draft, tables)
     objective = _objective(draft, tables, wanted, configuration, running)
     return Plan(
@@ -29,7 +29,7 @@ def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, runnin
 
 
 def configuration_of(draft: Draft, tables: Tables) -> Configuration:
-    """Write down what runs, and how it is wired."""
+    """Give the configuration of a draft: its modules, places, modes and wires."""
     feeder, modes, numbers, leaves = draft.feeder, draft.mode, tables.numbers, tables.leaves
     running = {}
     for module, mode in enumerate(modes):
@@ -67,7 +67,7 @@ def _objective(
 
 
 def _loads(draft: Draft, tables: Tables) -> list[int]:
-    """Thousandths of a bit/s on each bus."""
+    """Return the load of each bus, in thousandths of a bit/s."""
     loads = [0] * len(tables.numbers.buses)
     for module, variable, bus in draft.published:
         loads[bus] += tables.routes.load[variable][draft.mode[module]]

@@ -9,13 +9,13 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Routes:
-    """Bits of `way`: PEs from 0, buses from `first_bus`; a PE that no fault-free way leads to has the bit `never`."""
+    """Routes and loads. Bits of `way`: PEs from 0, buses from `first_bus`; bit `never`: no way leads to the PE."""
 
-    route: list[list[tuple[int, ...]]]  # from one PE to another one: buses
-    way: list[int]  # by PE
+    route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them
+    way: list[int]  # by PE: set of the PEs and buses on the way from the manager to it
     first_bus: int
     never: int
-    bits: list[int]  # by variable: of a frame
+    bits: list[int]  # by variable: bits of a frame
     load: list[dict[int, int]]  # by variable: mode -> thousandths of a bit/s
 
 

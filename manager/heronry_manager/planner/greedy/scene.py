@@ -1,8 +1,8 @@
-"""What a situation leaves, in the integers of `Tables`: the greedy planner's view of faults.
+"""The scene: the part of a spec that a situation leaves, in the integers of `Tables`.
 
-The same facts as `heronry_dg.situation.survivors` and `planner.candidates` find, in less than a tenth of the time:
-only what follows from what is down is looked at. Between two PEs that the manager can command a route exists and is
-the one there always is, because the buses form a forest; so routes never depend on faults.
+A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidates`, found in less than a tenth of the
+time: only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that the
+manager can command there is always the same route: routes never depend on faults.
 
 A mode is *possible* when its module works and has a PE that is up and could carry it, and its needs could hold, were
 every other possible mode running.
@@ -21,7 +21,7 @@ from heronry_manager.planner.greedy.tables import Tables
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is left of a spec."""
+    """The part of a spec that a situation leaves."""
 
     pes: int  # set of PEs that are up and can be commanded
     cpu: list[int]  # by PE, thousandths
@@ -33,7 +33,7 @@ class Scenery:
     """Makes scenes of one spec."""
 
     def __init__(self, tables: Tables) -> None:
-        """Compute the fault-free scene, of which every other one is a part."""
+        """Compute the fault-free scene; every other scene is a part of it."""
         self._tables = tables
         self._elements = element_numbers(tables.numbers)
         self._cpu = tables.sizes.pe_cpu
@@ -49,7 +49,7 @@ class Scenery:
         self._possible = self._shrunk(placeable, placeable)
 
     def scene(self, now: Situation) -> Scene:
-        """Compute what a situation leaves."""
+        """Compute the scene of a situation."""
         tables = self._tables
         down, modules = self._down(now)
         pes = self._pes
@@ -67,7 +67,7 @@ class Scenery:
         return Scene(pes, cpu, bus_room, self._without(gone & self._possible))
 
     def _down(self, now: Situation) -> tuple[int, int]:
-        """PEs and buses that are down (bits as in `way`), and modules that cannot run."""
+        """Return the PEs and buses that are down (bits as in `Routes.way`), and the modules that cannot run."""
         tables, down, modules = self._tables, self._tables.routes.never, 0
         channels: dict[int, int] = {}
         for element in now.down:
@@ -99,7 +99,7 @@ class Scenery:
         return cpu, bus_room
 
     def _homeless(self, pes: int, cpu: list[int], *, limited: bool) -> int:
-        """Modes that no PE could carry."""
+        """Return the modes that no PE could carry."""
         tables, homeless = self._tables, 0
         for mode, hosts in enumerate(tables.sizes.hosts):
             left = hosts & pes
@@ -110,7 +110,7 @@ class Scenery:
         return homeless
 
     def _without(self, gone: int) -> int:
-        """Modes that stay possible without those in `gone`."""
+        """Return the modes that stay possible without those in `gone`."""
         readers, possible = self._tables.orders.readers, self._possible & ~gone
         touched = 0
         while gone:
@@ -120,7 +120,7 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Take away modes whose needs cannot hold, until none is left; `touched` are those in doubt."""
+        """Remove modes whose needs cannot hold, until none is left; `touched`: the modes to check first."""
         orders = self._tables.orders
         while touched:
             low = touched & -touched

@@ -1,16 +1,16 @@
-"""One function at a time: run its output, feed what that needs, and what feeds that.
+"""Serving one function: start its output, wire what the output needs, and start the producers for that.
 
-A mode is tried on its old PE, then on the others, the emptiest first. An input takes what runs already where it can,
-and starts a producer where it must: first one that ran before, then the cheapest. A producer that runs in a mode which
-does not serve is put into one that does, if the modules that read from it accept that as well (`switch`). Where no PE
-has room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
+A mode is tried on its old PE, then on the others, the emptiest first. An input is wired to a running producer if
+possible; else a producer is started: first one that ran before, then the cheapest. A producer that runs in an
+unsuitable mode is put into a suitable one, if all modules that read from it accept that (`switch`). If no PE has room
+for a module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
 
-Whatever returns False has left the draft as it was, but for `hold`. A module whose inputs are being wired is *busy*:
-it counts as running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by counts of tries
-(`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and is the same on every
-machine.
+A function here that returns False has left the draft as it was; only `hold` may not. A module whose inputs are being
+wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it is. Counts of tries
+limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and is the
+same on every machine.
 
-*Adopting* is the same with less freedom: only modules that ran before are started, in their modes and places.
+*Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,26 +23,26 @@ from heronry_manager.planner.greedy.tables import Tables
 from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
 _FUEL: Final = 40  # modules tried for one function
-_BUDGET: Final = 800  # modules tried or moved for all of them, beside what is adopted
-_DEEPEST: Final = 120  # modules in a chain: Python gives up not far beyond
+_BUDGET: Final = 800  # modules tried or moved for all functions; adopted ones do not count
+_DEEPEST: Final = 120  # modules in a chain: Python's limit on nested calls is not far beyond
 
 Before = Sequence[tuple[int, int]]
-"""Mode and PE of each module before; -1 for what did not run, and for a PE that is gone."""
+"""Mode and PE of each module before; mode -1: it did not run; PE -1: its PE is down."""
 
 
 class Server:
     """Serves functions in one draft."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, draft: Draft, before: Before) -> None:
-        """Nothing is served yet."""
+        """Begin with a draft in which nothing is served; `before`: where modules ran."""
         self.draft = draft
         self.fuel = _FUEL
         self._budget = _BUDGET
         self.short = 0  # PEs on which a module found no room, since this was last cleared
         self.busy = 0  # modules whose mode must stay
-        self.moving = True  # others may be moved out of a module's way
+        self.moving = True  # whether other modules may be moved to make room
         self.adopting = False
-        self.tight = False  # PEs are filled up one after the other, wherever modules were before
+        self.tight = False  # fill the fullest PE first, wherever modules were before
         self._tables, self._wanted, self._scene, self._before = tables, wanted, scene, before
 
     def is_served(self, goal: Goal) -> bool:
@@ -51,7 +51,7 @@ class Server:
         return any(mode[module] >= 0 for module in goal.outputs)
 
     def serve(self, goal: Goal) -> bool:
-        """Serve a function, as it was before if that is possible, else in the best mode that is."""
+        """Serve a function as before, if possible, else in its best possible mode; tell whether it is served."""
         self.short = 0
         if self.is_served(goal):
             return True
@@ -60,12 +60,12 @@ class Server:
         return self.serve_in(modes)
 
     def serve_in(self, modes: Iterable[int]) -> bool:
-        """Run the first of these output modes that can run."""
+        """Run the first of these output modes that can run; tell whether one does."""
         self.fuel = _FUEL
         return any(self.run(self._tables.numbers.module_of[mode], mode) for mode in modes)
 
     def adopt(self, goals: Iterable[Goal]) -> None:
-        """Serve functions as far as nothing needs to be started, moved or put into another mode for it."""
+        """Serve the functions that can run exactly as before: in the same modes, on the same PEs."""
         self.adopting = True
         for goal in goals:
             self.fuel = len(self._before)
@@ -78,7 +78,7 @@ class Server:
     # Modules
 
     def run(self, module: int, mode: int, pe: int = -1) -> bool:
-        """Start a module and wire its needs; on `pe` alone, if one is given."""
+        """Start a module and wire its needs, on `pe` alone if one is given; tell whether it runs."""
         if min(self.fuel, self._budget) <= 0 or not self._scene.possible >> mode & 1:
             return False
         if self.busy.bit_count() > _DEEPEST:
@@ -107,7 +107,7 @@ class Server:
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """PEs on which a mode fits: where the module was, then the emptiest first, then one that is cleared for it."""
+        """Yield PEs on which a mode fits: the module's old PE, then the emptiest first, then one that was cleared."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
         hosts = self._tables.sizes.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
@@ -127,7 +127,7 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move others away from a PE until a mode fits there: the smallest that is enough, or else the largest."""
+        """Move modules away from a PE until a mode fits there: the smallest that is enough, or else the largest."""
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
@@ -147,7 +147,7 @@ class Server:
         return True
 
     def _frees(self, module: int, missing: tuple[int, int, int]) -> bool:
-        """Tell whether a module's place is as much as is missing: CPU, RAM, flash."""
+        """Tell whether moving a module away frees all that is missing: CPU, RAM, flash."""
         tables, mode = self._tables, self.draft.mode[module]
         cpu, ram, flash = missing
         return tables.sizes.cpu[mode] >= cpu and tables.sizes.ram[mode] >= ram and tables.sizes.flash[module] >= flash
@@ -160,9 +160,9 @@ class Server:
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
-        """Put a running module into another mode, if the modules that read from it accept that.
+        """Put a running module into another mode, if all modules that read from it accept that; tell whether it is.
 
-        may_worsen: even if a function is worth less for it.
+        may_worsen: also if a function loses value by that.
         """
         draft, tables, weight = self.draft, self._tables, self._wanted.weight
         old, pe = draft.mode[module], draft.pe[module]
@@ -187,7 +187,7 @@ class Server:
         return False
 
     def _feed_again(self, leaf: int, producer: int) -> bool:
-        """Wire a leaf as it was, unless its module was put into another mode meanwhile."""
+        """Wire a leaf to its old producer, unless its module was put into another mode meanwhile."""
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
         return draft.mode[consumer] == tables.leaves.mode[leaf] and draft.wire(leaf, consumer, producer)
@@ -195,7 +195,7 @@ class Server:
     # Gates
 
     def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
-        """Make a gate hold with as little as it takes. False may leave wires behind: the caller undoes to its own mark.
+        """Make a gate hold with the fewest inputs. If this returns False the caller must undo to its own mark.
 
         may_start: producers that do not run may be started.
         """
@@ -216,7 +216,7 @@ class Server:
         return len(held) == number
 
     def _held(self, inputs: Iterable[Node], most: int, consumer: int, *, may_start: bool) -> list[Node]:
-        """Make inputs hold, at most so many."""
+        """Make inputs of a gate hold, one after the other, until `most` of them do; return those."""
         held: list[Node] = []
         for one in inputs:
             if len(held) == most:
@@ -229,7 +229,7 @@ class Server:
         return held
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
-        """Wire a leaf to what runs, or to what is started for it."""
+        """Wire a leaf to a running producer, or to one that is started for it; tell whether it is wired."""
         before, mode_of, givers = self._before, self.draft.mode, self._tables.orders.dearest[leaf]
         if not self.adopting:
             for mode, module in givers:
@@ -246,7 +246,7 @@ class Server:
         return False
 
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        """Wire a leaf to a module in a mode, into which it is put or in which it is started if need be."""
+        """Wire a leaf to a producer in a mode; start the producer, or change its mode, if need be."""
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]
         if self.adopting and self._before[module][0] != mode:
@@ -255,7 +255,7 @@ class Server:
         if self._gets_into(module, mode) and draft.wire(leaf, consumer, module):
             return True
         draft.undo(mark)
-        near = draft.pe[consumer]  # where nothing needs to be sent
+        near = draft.pe[consumer]  # on the consumer's PE, where no bus is needed
         if now < 0 and draft.refused and not self.adopting and self.run(module, mode, near):
             if draft.wire(leaf, consumer, module):
                 return True

@@ -1,11 +1,11 @@
-"""What modes take, what PEs have, and so where a mode could run."""
+"""The resources that modes take and PEs have, and the PEs on which each mode could run."""
 
 from dataclasses import dataclass
 
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_manager.planner.greedy.numbering import Numbering
 
-_WHOLE = 10**6  # unit of the shares of all that there is
+_WHOLE = 10**6  # a share of 1, as an integer
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Sizes:
     pe_ram: list[int]
     pe_flash: list[int]
     hosts: list[int]  # by mode: the set of PEs that could carry it if nothing else ran there
-    size: list[int]  # by mode: its shares of all CPU, RAM and flash that there is
+    size: list[int]  # by mode: sum of its shares of all CPU, RAM and flash in the aircraft, in millionths
 
 
 def sized_up(numbers: Numbering) -> Sizes:

@@ -1,8 +1,8 @@
-"""Level 3: optional inputs, and better versions of what is supplied already.
+"""Level 3: optional inputs, and better versions for inputs that are wired already.
 
-Every running module is gone through, those that are started on the way included. What is not supplied is tried; what is
-supplied is tried in a version that is worth more. Nothing is moved for it, and no function is touched. First only what
-ran before is supplied again, as it was, so that nothing new takes its place; then anything.
+Every running module is checked, also those that are started on the way: its open inputs are tried, and its wired inputs
+are tried in a version that is worth more. No module is moved for an input, and no function changes. The first round
+only restores inputs as they were before, so that no new input takes their room; the second round tries all.
 """
 
 from typing import Final
@@ -16,7 +16,7 @@ _FUEL: Final = 12  # modules tried for one input
 
 
 def supply(draft: Draft, server: Server, tables: Tables) -> None:
-    """Wire what is worth something, as far as it fits."""
+    """Wire all inputs that earn points, as far as there is room."""
     server.moving = False
     for adopting in (True, False):
         server.adopting = adopting
@@ -44,7 +44,7 @@ class _Supplier:
         self._draft, self._server, self._tables, self._module = draft, server, tables, module
 
     def supply(self, node: Node) -> None:
-        """Improve what is below a gate that holds."""
+        """Improve the inputs of a gate that holds."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             self._improve(number)
@@ -64,7 +64,7 @@ class _Supplier:
         return False
 
     def _improve(self, leaf: int) -> None:
-        """Wire a leaf to something that is worth more than what it is wired to."""
+        """Wire a leaf to a producer of a version that is worth more than the present one."""
         draft, worths = self._draft, self._tables.leaves.worth[leaf]
         now = worths[draft.mode[draft.feeder[leaf]]]
         for mode, module in self._tables.orders.dearest[leaf]:

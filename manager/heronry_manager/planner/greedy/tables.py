@@ -1,12 +1,12 @@
-"""A spec in integers, worked out once: what the greedy planner looks up while it plans.
+"""The tables of the greedy planner: a spec in integers, worked out once.
 
-Everything that depends on the spec and the phase alone is here; what depends on faults is a `Scene`. It is made in this
-order, each part of those before:
+The tables depend on the spec and the phase alone; a `Scene` has what depends on faults. The parts are made in this
+order, each from the parts before it:
 
     numbering        the number of each element
-    sizes            what modes take, what PEs have, where a mode could run
+    sizes            the resources of modes and PEs, where a mode could run
     leaves           inputs and gates
-    orders           which of them is tried first
+    orders           the order in which these are tried
     placement_rules  rules between modules
     routes           buses
     wanted           the functions of a phase
@@ -37,7 +37,7 @@ class Tables:
     _wanted: dict[str | None, Wanted] = field(default_factory=dict)
 
     def wanted(self, phase: str | None) -> Wanted:
-        """What a phase wants; worked out once for each."""
+        """Give the wanted functions of a phase; they are worked out once."""
         if phase not in self._wanted:
             self._wanted[phase] = wanted_in(self.numbers, self.orders.price, phase)
         return self._wanted[phase]

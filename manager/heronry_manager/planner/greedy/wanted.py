@@ -1,4 +1,4 @@
-"""The functions that a phase wants, in the order in which they are served, and what their modes are worth."""
+"""The functions that a phase wants, in the order in which they are served, and the worth of their modes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,22 +21,22 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """The functions that a phase wants, and what they are worth."""
+    """The functions that a phase wants, and the worth of their output modes."""
 
     goals: tuple[Goal, ...]  # most important first
     outputs: int  # set of modules that serve by running
-    output_modules: tuple[int, ...]  # the same
+    output_modules: tuple[int, ...]  # `outputs`, as a list
     weight: Mapping[int, int]  # mode of an output -> levels 1 and 2 in one number
     utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
 
     def score(self, modes: Sequence[int]) -> int:
-        """Levels 1 and 2 of what runs in one number; `modes` by module, -1 for what does not run."""
+        """Give levels 1 and 2 as one number; `modes`: mode of each module, -1: it does not run."""
         weight = self.weight
         return sum(weight[modes[module]] for module in self.output_modules if modes[module] >= 0)
 
 
 def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wanted:
-    """Work out what a phase wants; `price` is that of each mode."""
+    """Work out the wanted functions of a phase; `price`: of each mode."""
     appraiser = _Appraiser(numbers, phase)
     functions = [one for one in numbers.spec.functions.values() if one.priority_in(phase) > 0]
     goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
@@ -62,13 +62,13 @@ def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wa
 
 
 class _Appraiser:
-    """Computes what a function is worth in a phase."""
+    """Computes the worth of functions in a phase."""
 
     def __init__(self, numbers: Numbering, phase: str | None) -> None:
         self._numbers, self._phase = numbers, phase
 
     def goal(self, function: Function) -> Goal:
-        """Put a function into numbers."""
+        """Give the goal for a function."""
         modes = self.output_modes(function)
         return Goal(
             name=function.name,
@@ -79,12 +79,12 @@ class _Appraiser:
         )
 
     def output_modes(self, function: Function) -> list[int]:
-        """Modes of the outputs of a function."""
+        """Give the modes of the outputs of a function."""
         numbers = self._numbers
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
     def utility(self, function: Function, mode: int) -> int:
-        """What a mode adds to level 2 by what it does for a function."""
+        """Give the points that a mode adds to level 2 by serving a function; 0: it serves it not."""
         numbers, module = self._numbers, self._numbers.module_of[mode]
         if numbers.modules[module].name not in function.outputs:
             return 0
@@ -93,13 +93,13 @@ class _Appraiser:
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
-    """Order of goals: by class, then by priority for the price; uncritical ones alike."""
+    """Give the sort key of a goal: class, then priority (if critical), then priority per price of its cheapest mode."""
     cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
     return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Weights with which the sums of priorities of the classes A to E compare as level 1 does; E counts nothing."""
+    """Give weights of the classes A to E, such that the weighted priorities compare as level 1 does; E has weight 0."""
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):
