@@ -1,9 +1,9 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Within a column every symbol should stand level with what it is joined to, and no two may be closer than a gap: this
-least-squares problem has an exact solution (pool adjacent violators), computed column by column, to and fro. Between
-two columns an edge is one curve; across a column it is straight, at a height that is its own. Feedback runs below the
-graph and back.
+Within a column every symbol should stand level with the symbols to which edges join it, and no two symbols may be
+closer than a gap. This least-squares problem has an exact solution (pool adjacent violators); it is computed column by
+column, from left to right and back. Between two columns an edge is one curve; across a column it is straight, at a
+height of its own. Feedback runs below the graph and back.
 """
 
 from collections.abc import Iterator, Mapping
@@ -66,7 +66,7 @@ class Layout:
 
 
 def laid_out(graph: Graph) -> Layout:
-    """Give a graph its places; the same graph gets the same ones."""
+    """Place the symbols and edges of a graph; the same graph gets the same places."""
     ranks = ranked(graph)
     layers = ordered(graph, ranks)
     feedback = sorted(ranks.feedback)
@@ -184,7 +184,7 @@ class _Placing:
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Straightness: long edges first."""
+        """Give the weight of a segment in straightening: long edges come first."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 

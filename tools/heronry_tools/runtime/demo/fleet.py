@@ -102,7 +102,7 @@ class Fleet:
         self.close()
 
     def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
-        """Start the software buses among them."""
+        """Start the software buses among these choices."""
         self._buses = choices
         for choice in choices.values():
             for config in choice.configs() if choice.is_ours else ():
@@ -189,7 +189,7 @@ class Fleet:
         return process.pid
 
     def ended(self) -> str | None:
-        """Sentence about a process that has ended by itself; None while all run."""
+        """Give a sentence about a process that has ended by itself; None while all run."""
         managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:

@@ -1,4 +1,4 @@
-"""The check of a SocketCAN interface, from what the kernel tells of it alone."""
+"""The check of a SocketCAN interface, from the kernel's data about it."""
 
 from collections.abc import Iterator
 

@@ -93,7 +93,7 @@ class Port:
         return True
 
     def set_filters(self, filters: tuple[AcceptanceFilter, ...] | None) -> None:
-        """Accept from now on what passes at least one filter; None accepts everything."""
+        """From now on deliver only frames that pass at least one filter; None delivers every frame."""
         self._filters = filters
         self._verdicts.clear()
 
@@ -141,7 +141,7 @@ class Port:
         return True
 
     def statistics(self) -> ClientStatistics:
-        """Return what was counted for this client."""
+        """Return the counters of this client."""
         return ClientStatistics(self.number, self._pid, self._sent, self._received, self._overruns)
 
     def close(self) -> None:
