@@ -1,4 +1,4 @@
-"""`heronry bus`: what every bus carries, under a given plan, and whether it comes in time."""
+"""`heronry bus`: the messages on every bus under a plan, and whether they come in time."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""`heronry check` and its kin as a person or a CI uses them: what they print, and how they exit."""
+"""`heronry check`, `rules`, `explain` and `schema` as a person or a CI uses them: output and exit codes."""
 
 import argparse
 import io

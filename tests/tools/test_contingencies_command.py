@@ -1,4 +1,4 @@
-"""`heronry contingencies` as a user meets it: a file, what it holds, and whether that is true."""
+"""`heronry contingencies` as a user sees it: a file, its content, and its verification."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""`heronry replay`: a recording gives the same decisions again, with their reasons, and what differs is told."""
+"""`heronry replay`: a recording gives the same decisions again, with their reasons; differences are reported."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""`heronry scenario` as its user meets it: what cannot be read, what does not hold, and what was decided otherwise."""
+"""`heronry scenario` as a user sees it: unreadable files, broken expectations, decisions that differ."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`heronry sim` as its user meets it: what it prints, what it exits with, and the command that replays a flight."""
+"""`heronry sim` as a user sees it: output, exit codes, and the command that replays a flight."""
 
 import json
 import os
