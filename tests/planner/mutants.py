@@ -1,4 +1,4 @@
-"""Legal configurations with one thing changed, which the verifier must judge correctly.
+"""Legal configurations with one thing changed, of which the verifier must find the illegal ones.
 
     PYTHONPATH=tests python -m planner.mutants 0 2000     seeds 0 to 1999: how many of each kind, and the results
 

@@ -96,7 +96,7 @@ def _is_tagged(frame: Frame, session: Session, beat: int, digest: int, emergency
 
 
 def it_asks_before_it_believes() -> None:
-    """It sends a nonce with its first beat, then once in a period while a manager is heard; before, it obeys none."""
+    """It sends a nonce with its first beat, then once in a period while a manager is heard; it accepts none before."""
     pe = Keyed()
     pe.run(100)
     equal(len(pe.pages_2(-1)), 1, "nonces while no manager is heard")
