@@ -571,7 +571,7 @@ def a_pre_planned_fault_is_called_by_its_number() -> None:
 
 
 def epochs_of_a_term_begin_with_its_block() -> None:
-    """A term has every second block of sixteen numbers; no number is used twice."""
+    """A manager uses every second block of sixteen numbers, from the block of its term on, and no number twice."""
     manager = ManagerUnderTest().flies()
     epochs = [manager.lease().epoch]
     for _ in range(18):

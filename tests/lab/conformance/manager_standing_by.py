@@ -694,7 +694,7 @@ def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
 def _takes_over_from_a_keyed_mastership(
     silent: Sequence[str],
 ) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
-    """Let 127 take over when no PE has proven anything to it, and some PEs are silent; gives the moment of that."""
+    """Let 127 take over when no PE has proven a state to it, and some PEs are silent; gives the moment."""
     manager = ManagerUnderTest(node=127, standby=True, key=KEY)
     signer = CommandSigner(KEY, 126, 1)
     manager.main.sign = signer.tag

@@ -205,7 +205,7 @@ def bytes_that_are_no_slice_are_refused() -> None:
 
 
 def an_image_that_cannot_be_loaded_is_refused() -> None:
-    """The answer is IMAGE, and only where a module of the slice has that image."""
+    """The PE refuses the slice with IMAGE, and only if a module of the slice has that image."""
     broken = replace(TABLE.modules[HELPER], image="lab.conformance.puppets:Missing")
     pe = PeUnderTest(replace(TABLE, modules=(*TABLE.modules[:HELPER], broken))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)

@@ -166,7 +166,7 @@ def a_branch_that_ran_is_not_held() -> None:
 
 
 def a_module_that_can_goes_on_in_another_mode() -> None:
-    """A module that supports it goes on over BREAK, else it is built anew; a newer epoch may drop it."""
+    """A module that can change its mode goes on over BREAK, others are built anew; a newer epoch may drop it."""
     for keeps in (False, True):
         pe = _attended()
         if keeps:

@@ -131,7 +131,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 
 
 def _made(spec: "Spec", file: Path) -> "Contingencies":
-    """Make the file, unless another process has made it while this one waited."""
+    """Make the file, unless another process has made it while this process waited."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
         try:

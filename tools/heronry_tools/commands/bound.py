@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _milliseconds(text: str) -> int:
-    """Read a time; argparse tells the name of this function to the user."""
+    """Read a time in milliseconds; gives ns. argparse shows the name of this function to the user."""
     duration = float(text)
     if not 0 <= duration <= 3_600_000:
         raise argparse.ArgumentTypeError(
@@ -88,7 +88,7 @@ def _milliseconds(text: str) -> int:
 
 
 def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
-    """Read a time in milliseconds; gives ns. argparse shows the name of this function to the user."""
+    """Plan every case; returns the cases, and the longest time that a plan took, in ns."""
     from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 

@@ -63,7 +63,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything and report; returns 0, or 1 where something is not right."""
+    """Check everything and report; returns 0, or 1 where a finding is not right."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
 
     if not 0 < arguments.seconds <= 600:

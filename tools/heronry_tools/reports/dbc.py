@@ -172,7 +172,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """CANaerospace emergency event of a fault: what EMCY says, as CANaerospace codes it."""
+    """Write the CANaerospace emergency event of a fault: the content of an EMCY in CANaerospace's coding."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)

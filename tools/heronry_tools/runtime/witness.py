@@ -87,7 +87,7 @@ class Witness:
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:
-        """Longest silence of a served function, in ns; a longer one means that it has stopped."""
+        """Give the longest silence of a served function, in ns; after a longer silence it is not served."""
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:

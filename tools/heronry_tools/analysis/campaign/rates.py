@@ -26,7 +26,7 @@ class Likelihood:
 
 
 def rate_of(spec: Spec, element: str) -> Fraction | None:
-    """Failures per hour of an element; None where the spec does not say."""
+    """Give the failures per hour of an element; None where the spec gives no rate."""
     kind, _, name = element.partition(":")
     match kind:
         case "pe":

@@ -32,7 +32,7 @@ class ForcedTraffic:
         return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
 
     def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
-        """Buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
+        """Name the buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
         yield from (bus for bus in self.rates if sum(self.mbit_per_s(bus).values()) > capacities[bus])
 
 

@@ -116,7 +116,7 @@ def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
 
 
 def _is_swamped(spec: Spec, bus: Bus) -> bool:
-    """Tell whether management alone takes all of a bus, so that nothing else ever arrives."""
+    """Tell whether management alone takes all of a bus, so that no data ever arrive."""
     return bus.kind == "wired" and sum(_management_bits_per_s(spec, bus)) >= bus.bitrate
 
 

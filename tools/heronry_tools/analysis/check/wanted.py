@@ -27,7 +27,7 @@ def critical_functions(spec: Spec, phase: Phase) -> frozenset[str]:
 
 
 def in_phases(spec: Spec, chosen: Collection[Phase]) -> str:
-    """Write ` in glide and landing`; nothing for a spec without phases."""
+    """Write the phases as ` in glide and landing`; an empty text for a spec without phases."""
     if not spec.phases:
         return ""
     if len(chosen) == len(spec.phases):

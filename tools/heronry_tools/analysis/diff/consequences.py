@@ -38,7 +38,7 @@ class PhaseConsequences:
 
 @dataclass(slots=True)
 class Consequences:
-    """Works out consequences; what it has planned for one spec it tries on the next."""
+    """Works out consequences; the plans of one spec are tried on the next spec."""
 
     known: list[Configuration] = field(default_factory=list)
 

@@ -42,7 +42,7 @@ class PhaseDifference:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Everything that a reviewer should see."""
+    """Everything that a reviewer of a changed spec should see."""
 
     old: Spec
     new: Spec

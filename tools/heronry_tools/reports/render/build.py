@@ -154,7 +154,7 @@ class _Builder:
 
 
 def accepted_versions(spec: Spec, leaf: Leaf) -> str:
-    """Versions that an input accepts, as a spec writes them; nothing where it takes all."""
+    """Write the versions that an input accepts, as a spec writes them; an empty text where it accepts all."""
     if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
         return ""
     return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"

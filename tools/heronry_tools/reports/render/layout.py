@@ -113,7 +113,7 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Heights, in the target's box, at which edges end: side by side, in the order in which they come."""
+        """Give the heights in a target's box at which edges end: side by side, in the order of their arrival."""
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
         for segment in self._layers.segments:
@@ -158,7 +158,7 @@ class _Placing:
                 self._y.update(zip(column, self._apart(column, wanted), strict=True))
 
     def _straighten(self) -> None:
-        """Keep long edges at their height as far as there is room, so that they step once and not in every column."""
+        """Keep long edges at one height where there is room, so that they step once and not in every column."""
         before = {segment.target: segment for segment in self._layers.segments if segment.target.startswith("~")}
         for column in self._layers.columns:
             for places in (range(len(column)), reversed(range(len(column)))):

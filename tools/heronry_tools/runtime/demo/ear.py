@@ -43,7 +43,7 @@ class Ear:
 
     @property
     def readers(self) -> Sequence[Any]:
-        """Descriptors to wait on until something has come."""
+        """Give the descriptors to wait on until a frame has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[tuple[float, Frame]]:

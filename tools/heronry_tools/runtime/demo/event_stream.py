@@ -15,7 +15,7 @@ class EventStream:
     """The events of one manager; `select` can wait for them."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
-        """Take over the pipe; nothing else may read from it."""
+        """Take over the pipe; no other reader may use it."""
         self._pipe, self._unread = pipe, b""
         self.has_ended = False  # nothing will come any more
 

@@ -41,7 +41,7 @@ _NAME = "heronry-demo-"
 
 
 def run_folder() -> Path:
-    """Make the folder of this run, and remove those of runs that are gone."""
+    """Make the folder of this run, and remove the folders of runs that have ended."""
     home, here = Path(tempfile.gettempdir()), _here()
     for old in home.glob(f"{_NAME}*-{here}"):
         number = old.name.removeprefix(_NAME).removesuffix(f"-{here}")

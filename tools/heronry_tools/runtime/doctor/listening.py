@@ -82,7 +82,7 @@ class Hearing:
 
 
 def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
-    """Findings about what was heard in `seconds`."""
+    """Give findings about the frames that were heard in `seconds`."""
     yield _assess_traffic(heard, seconds)
     yield _assess_managers(heard)
     yield from _assess_nodes(heard, expected)

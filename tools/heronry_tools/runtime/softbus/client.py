@@ -93,7 +93,7 @@ class SoftBus(can.BusABC):
         self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable when `recv` has something to return or to raise."""
+        """Return the descriptor that is readable when `recv` can return a frame or raise."""
         return self._receive.fileno()
 
     def shutdown(self) -> None:

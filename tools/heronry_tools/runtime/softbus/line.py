@@ -53,11 +53,11 @@ class Line:
         self._offers[client] = (arbitration_key(offered.frame), offered)
 
     def withdraw(self, client: int) -> None:
-        """Withdraw the offer of a client that has left, if it has one."""
+        """Withdraw the offer, if there is one, of a client that has left."""
         self._offers.pop(client, None)
 
     def next_deadline_ns(self) -> int | None:
-        """Return when `advance` has something to do next; None while nothing is offered."""
+        """Return the time (ns) at which `advance` must be called next; None while no frame is offered."""
         if self._on_air is not None:
             return self._on_air.end_ns
         return self._next_start_ns() if self._offers else None

@@ -110,7 +110,7 @@ def _interface_names(text: str) -> list[str]:
 
 
 def _can_utils() -> Path | None:
-    """The folder with candump and cansend if they have to be brought along; None if they are installed."""
+    """Give the folder with candump and cansend where they must be fetched; None where they are installed."""
     if shutil.which("candump") and shutil.which("cansend"):
         return None
     return debian_packages.unpacked("can-utils") / "usr" / "bin"

@@ -103,7 +103,7 @@ def run_command(job: "Job") -> int:
 
 
 def drain_terminal(job: "Job") -> None:
-    """Wait until what the command wrote has left the guest, as setting a terminal's modes does."""
+    """Wait until the command's output has left the guest; setting a terminal's modes waits for that, too."""
     busybox(job, "stty", "-F", TERMINAL, "-opost")
 
 
