@@ -46,14 +46,14 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "journal_failed": ("the journal cannot be written: {problem}", "bad"),
     "journal_kept": ("the journal is written again", "good"),
     "standing_by": ("a standby manager follows manager {node}, term {term}", "quiet"),
-    "refused": ("most PEs do not hear the active manager: it begins a new term", "bad"),
-    "hears_nobody": ("a manager hears no node any more: it stops sending until it does", "bad"),
+    "refused": ("most PEs do not hear the active manager: the manager begins a new term", "bad"),
+    "hears_nobody": ("a manager hears no node any more: it sends nothing until it hears one", "bad"),
     "stepped_down": (
         "a manager gives up its mastership: manager {node} is active with the higher term {term}",
         "plain",
     ),
     "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
-    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it gives no advice", "bad"),
+    "unknown_epoch": ("this manager does not know the running epoch {epoch}, and gives no advice", "bad"),
 }
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 

@@ -145,7 +145,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served by itself, and report why."""
+        """Tell whether a function cannot be served even if nothing else is wanted, and report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]

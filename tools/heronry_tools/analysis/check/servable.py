@@ -119,7 +119,7 @@ class Planning:
         return self._plans[phase]
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Name those of some functions that the best plan of a phase gives up; with elements down, the contingency plan."""
+        """Name those functions that the best plan of a phase gives up; with elements down, the contingency plan."""
         found = self.healthy(phase)
         if down:
             found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)

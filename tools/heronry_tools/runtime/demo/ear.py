@@ -1,7 +1,7 @@
 """An observer of one bus of the spec: it receives each frame once, on a replicated bus from either channel.
 
-A bus with one channel that ends is an error of the flight. On a replicated bus the observer waits for a channel that
-fails, as the nodes do.
+When the only channel of a bus ends, the observer raises an error, which ends the flight. When a channel of a replicated
+bus fails, the observer waits until it is back, as the nodes do.
 """
 
 import time

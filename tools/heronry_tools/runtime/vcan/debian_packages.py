@@ -24,7 +24,7 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 def cache_folder() -> Path:
-    """Give the folder of the packages: ``heronry/uml/<release>-<processor>`` in ``$XDG_CACHE_HOME``, else ``~/.cache``."""
+    """Give the folder of the packages: ``heronry/uml/<release>-<processor>`` in the user's cache folder."""
     return user_cache("uml") / f"{_release()}-{platform.machine()}"
 
 
