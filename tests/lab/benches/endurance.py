@@ -66,7 +66,7 @@ class Reboot:
 
     @property
     def is_in_time(self) -> bool:
-        """Tell whether the manager noticed the reboot within a heartbeat and 2 ms; a frame or two may go first."""
+        """Tell whether the manager noticed the reboot within a heartbeat and 2 ms, the time of one or two frames."""
         return self.noticed_ns is not None and self.noticed_ns <= self.heartbeat_ns + 2 * MS
 
 

@@ -579,7 +579,7 @@ def what_is_as_old_as_it_may_be_is_fresh() -> None:
 
 
 def a_reader_waits_for_what_it_reads() -> None:
-    """The module waits at most a quarter of its period, for a producer due just before; then it runs without waiting."""
+    """A module waits at most a quarter of its period for a producer due just before; then it uses the last datum."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies(Slice((_GAUGE, ModuleSlice(CONTROL, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))

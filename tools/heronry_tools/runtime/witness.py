@@ -83,7 +83,7 @@ class Witness:
         return watched.last is not None and now_ns - watched.last.t_ns <= watched.patience_ns
 
     def last_output(self, function: str) -> Output | None:
-        """Last output of a function."""
+        """Give the last output of a function that was heard; None where none was."""
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:

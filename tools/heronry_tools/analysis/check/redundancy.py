@@ -76,7 +76,7 @@ class Dependence:
 
 
 def _chooses(gate: Gate) -> bool:
-    """Tell whether a gate has a XOR's choice, or lets several inputs vote of which not all have to hold."""
+    """Tell whether a gate is a XOR, or a vote of several inputs of which not all have to hold."""
     fewest, most = bounds(gate)
     return 1 <= fewest < len(gate.inputs) and (most == 1 or fewest >= 2)
 

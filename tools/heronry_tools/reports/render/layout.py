@@ -189,7 +189,7 @@ class _Placing:
         return (2, 3, 8)[points]
 
     def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Heights nearest to the wanted ones, with weights, so that no symbol overlaps the next (rounded down)."""
+        """Give the heights nearest to the wanted, weighted ones at which no symbol overlaps the next (rounded down)."""
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
