@@ -468,7 +468,7 @@ def a_newer_epoch_elsewhere_stops_it() -> None:
 
 
 def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
-    """After the last frame of another node; the module goes on computing, and data of fixed modules are sent on."""
+    """After another node's last frame, data of movable modules go on for two periods, those of fixed ones longer."""
     pe = _attended().flies()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.neighbour = pe.lease = pe.alive = None

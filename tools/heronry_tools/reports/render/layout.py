@@ -233,7 +233,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Where an edge meets its target: farther right above and below the middle of a circle."""
+        """Give the x at which an edge meets its target; on a circle it is farther right above and below the middle."""
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"
