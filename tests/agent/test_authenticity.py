@@ -1,4 +1,4 @@
-"""A PE with a key: which commands it accepts, how it makes a fresh start, and how it refuses everything else."""
+"""A PE with a key: which commands it accepts, how it begins a new session, and that it refuses everything else."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""A PE as CANopen and CANaerospace tools see it: its core, read, written and commanded by an unmodified client."""
+"""A PE as CANopen and CANaerospace tools see it: an unmodified client reads, writes and commands its core."""
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError

@@ -1,4 +1,4 @@
-"""A module fails, hangs, or loses its partition: it begins again as often as it may; no other module is affected."""
+"""A module fails, hangs, or loses its partition: it is restarted as often as allowed; no other module is affected."""
 
 from dataclasses import replace
 

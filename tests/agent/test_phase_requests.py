@@ -1,4 +1,4 @@
-"""A PE requests a mission phase: because a module does, or a value that it gives satisfies a phase's rule."""
+"""A PE requests a mission phase: because a module does, or because a value that it gives meets a phase's rule."""
 
 from dataclasses import replace
 

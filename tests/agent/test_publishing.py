@@ -1,4 +1,4 @@
-"""The frames of a PE: data, and the echoes that show what an output does."""
+"""The frames of a PE: data, and the echoes of its outputs."""
 
 from agent.one_pe import CONTROL, NODE, RATE, TABLE
 from heronry_agent.core.publishing import Publisher

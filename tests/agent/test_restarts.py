@@ -1,4 +1,4 @@
-"""A module that fails begins again a few times, later each time, and is then given up."""
+"""A module that fails is restarted a few times, later each time, and is then given up."""
 
 from agent.one_pe import MS
 from heronry_agent.core.restarts import BACK_OFF_NS, FORGIVEN_NS, Restarts

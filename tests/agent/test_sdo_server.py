@@ -1,4 +1,4 @@
-"""The SDO server with an unmodified `canopen` client, and with one that makes every mistake (CiA 301, 7.2.4)."""
+"""The SDO server with an unmodified `canopen` client, and with a client that makes every mistake (CiA 301, 7.2.4)."""
 
 import queue
 from collections import deque

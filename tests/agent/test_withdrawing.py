@@ -1,4 +1,4 @@
-"""Data frames that wait when their module moves elsewhere must not follow the report that it has stopped."""
+"""Waiting data frames of a module that moves away must not be sent after the report that the module has stopped."""
 
 from agent.one_pe import DEMAND_ID, FLYING, NEIGHBOUR, NODE, RUN_SERVO_1, OnePe, neighbour_state
 from heronry_agent.core.vocabulary import Action

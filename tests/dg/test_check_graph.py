@@ -1,4 +1,4 @@
-"""Specs that load and still cannot be meant: findings of the graph's check, and what it leaves to others."""
+"""Specs that load but make no sense: findings of the graph's check, and what it leaves to other checks."""
 
 from dg.marked_spec import RUNS
 from heronry_dg.check.assess import assess

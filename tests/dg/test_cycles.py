@@ -1,4 +1,4 @@
-"""Components and shortest cycles, against definitions that are too slow to use."""
+"""Components and shortest cycles, compared with their definitions, which are too slow for use."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,7 @@
-"""The specs to learn from keep what the comments at their heads promise.
+"""The example specs do what the comments at their heads say.
 
 A head holds command lines (`$ heronry plan ...`), and after each what its plan runs: every running module with its PE,
-and its mode where it has several; then every function that is wanted and not served. Nothing else may run.
+and its mode where it has several; then every function that is wanted and not served. No other module may run.
 """
 
 import json

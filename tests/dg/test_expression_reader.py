@@ -1,4 +1,4 @@
-"""Gate expressions as the file writes them: what they become, and every way in which they make no sense."""
+"""Gate expressions in a spec: how they are read, and every error in them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Gates as two numbers: how many of their inputs must hold, and how many may."""
+"""Gates as two numbers: how many of their inputs must hold, and how many may hold."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""The JSON schema that editors use: it accepts what the loader accepts, and knows what it refuses field by field."""
+"""The JSON schema for editors accepts what the loader accepts, and refuses what it can, field by field."""
 
 import json
 from typing import Any

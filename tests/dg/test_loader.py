@@ -1,4 +1,4 @@
-"""What a sound file becomes, what it becomes where fields are left out, and what mutilated files do not become."""
+"""Sound specs as the loader reads them, defaults where fields are left out, and mutilated files, which are refused."""
 
 import copy
 import re

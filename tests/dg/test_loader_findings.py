@@ -1,4 +1,4 @@
-"""Every way in which the elements of a spec can make no sense, each with its place and its sentence."""
+"""Every error in the elements of a spec, each with its place and its sentence."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Whatever is done to a spec, the answer is findings and never a traceback, and it points to where the mistake is."""
+"""Any change to a spec gives findings and never a traceback, and the findings point to the change."""
 
 from typing import Any
 

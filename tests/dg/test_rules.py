@@ -1,4 +1,4 @@
-"""Every rule has a code, words, and two examples: one that earns the code alone, and its twin that earns nothing."""
+"""Every rule has a code, its texts, and two examples: one with this finding alone, and a twin without findings."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What faults leave of a system: routes, gateways, replicated buses, the manager's bus, shrunk capacities."""
+"""What remains of a system after faults: routes, gateways, replicated buses, the manager's bus, smaller capacities."""
 
 from fractions import Fraction
 

@@ -1,7 +1,7 @@
-"""One illegal plan for every rule and sub-rule, named by exactly that rule, beside a legal twin.
+"""One illegal plan for every rule and sub-rule, which that rule alone reports, beside a legal twin.
 
-Most vary one legal plan of one small aircraft. What the aircraft can bear (capacities, deadlines) is tried at its
-exact limit and one step beyond.
+Most vary one legal plan of one small aircraft. Capacities and deadlines are tried at their exact limit and one step
+beyond.
 """
 
 import random

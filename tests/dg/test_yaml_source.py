@@ -1,4 +1,4 @@
-"""The YAML that a spec may be written in: places, what is refused, and files that mean harm."""
+"""The YAML of a spec: places, what is refused, and malicious files."""
 
 from decimal import Decimal
 

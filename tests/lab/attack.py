@@ -6,13 +6,13 @@
     truncated   a true command cut short, with its TAG
     foreign     a command tagged with the key of another fleet
 
-The PE is the core that flies, and a true manager commands it between the attacks: it must accept these commands, for a
-PE that accepts no command at all would pass every attack. After every attack all that a command could change is
+The PE is the core that flies. A true manager commands it between the attacks, and the PE must accept these commands,
+since a PE that accepts no command would pass every attack. After every attack everything that a command could change is
 compared with its value before (`_Watch`): what the PE does and sends, not what its verifier of tags concludes.
 
     python -m lab.attack --count 1000000 --seed 1
 
-The program also prints what the tags cost: the share of each bus that commands take, without and with a key.
+The program also prints the cost of the tags: the share of each bus that commands take, without and with a key.
 """
 
 import argparse
@@ -65,7 +65,7 @@ Pair = tuple[Frame, Frame]
 
 
 class _Watch:
-    """All of a PE that a command could change."""
+    """Everything in a PE that a command could change."""
 
     def __init__(self, core: AgentCore) -> None:
         self._core = core
@@ -87,7 +87,7 @@ class Attacked:
     """One PE, its true manager, and the attacker."""
 
     def __init__(self, spec: Spec, seed: int) -> None:
-        """Command the first PE of a spec until it accepts its manager."""
+        """Send commands to the first PE of a spec until it accepts the manager."""
         self._random = Random(seed)
         self.accepted: Counter[str] = Counter()
         self.attacks: Counter[str] = Counter()
@@ -160,7 +160,7 @@ class Attacked:
         return self._pe.hear(*pair)
 
     def _is_question(self, action: Action) -> bool:
-        """Tell whether an action is a nonce, which asks for a new session: an attack may cause that without harm."""
+        """Tell whether an action sends a nonce, which asks for a new session: an attack may cause that without harm."""
         return isinstance(action, Send) and isinstance(decode_state(action.frame.data), StatePage2)
 
     # Commands
@@ -188,7 +188,7 @@ class Attacked:
                 return Control(term, node, self._random.choice(operations), draw(1 << 16), draw(1 << 16)).encode()
 
     def _frame(self, term: int = _TERM, manager: int = FIRST_MANAGER) -> Frame:
-        """Give a command that is not waiting for its TAG already: with a true TAG it would be a true command."""
+        """Give a command that is not waiting for its TAG: with a true TAG such a command would be a true one."""
         while True:
             command = self._random.choice(_COMMANDS)
             frame = Frame(management_id(manager, command), self._payload(command, term))

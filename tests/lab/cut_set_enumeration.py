@@ -32,7 +32,7 @@ _SETS_IN_A_PART: Final = 64
 
 
 def lost_by_enumeration(spec: Spec, function: str, downs: list[FaultSet]) -> list[bool]:
-    """Tell of each fault set whether it loses a function, by a search of its own."""
+    """Tell of each fault set whether it loses a function; each set has a search of its own."""
     return [Planning(spec).all_at_once((function,), down).impossible for down in downs]
 
 

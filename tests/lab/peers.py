@@ -1,7 +1,7 @@
-"""The other nodes of a bus, played: a manager, as a PE hears it, and a PE, as a manager hears it.
+"""The other nodes of a bus, played: a manager, as a PE receives it, and a PE, as a manager receives it.
 
-They only make frames. The caller gives these to a receiver: a core that is stepped by hand, a simulated bus, or an
-oracle.
+These classes only make frames. The caller gives the frames to a receiver: a core that is stepped by hand, a simulated
+bus, or an oracle.
 
     SteppedCore     a core, whose time passes by hand
     PlayedManager   makes commands, each with its TAG where there is a key, and answers nonces
@@ -53,7 +53,7 @@ class Core(Protocol[Event_contra, Action]):
         """Process an event; gives the actions."""
 
     def next_deadline_ns(self) -> int | None:
-        """Give the latest time of the next call (ns); None: no call is needed."""
+        """Give the latest time (ns) at which the core must be called again; None: no call is needed."""
 
 
 class SteppedCore(Generic[Event_contra, Action]):
@@ -71,7 +71,7 @@ class SteppedCore(Generic[Event_contra, Action]):
         return [action for frame in frames for action in self.give(Received(port, frame))]
 
     def pass_time(self, duration_ns: int, *, most_ticks: int = 1 << 20) -> list[Action]:
-        """Let time pass; stops after `most_ticks` deadlines, those due later are left out."""
+        """Let time pass; after `most_ticks` deadlines, later ones are left out."""
         end_ns, actions = self.now_ns + duration_ns, list[Action]()
         for _ in range(most_ticks):
             due_ns = self.core.next_deadline_ns()
@@ -83,7 +83,7 @@ class SteppedCore(Generic[Event_contra, Action]):
         return actions
 
     def nonces(self, duration_ns: int, node: int) -> list[int]:
-        """Let time pass; gives the nonces that a PE with a key sends meanwhile."""
+        """Let time pass; gives the nonces that a PE with a key sends in that time."""
         return nonces_in(self.pass_time(duration_ns), node)
 
 
@@ -98,7 +98,7 @@ class PlayedManager:
     """The frames of a manager."""
 
     def __init__(self, node: int = FIRST_MANAGER, term: int = 1, key: Key | None = None) -> None:
-        """term: used with a key alone; a command has its own."""
+        """term: the term of sessions, used only with a key; a command has its own term."""
         self.node = node
         self.signer = None if key is None else CommandSigner(key, node, term)
 
@@ -107,7 +107,7 @@ class PlayedManager:
         return [frame for message in messages for frame in self.tagged(command_frame(message, self.node))]
 
     def tagged(self, frame: Frame) -> list[Frame]:
-        """Give a frame, with its TAG where there is a key and a number left."""
+        """Give a frame, and its TAG where there is a key and the term has a number left."""
         tag = None if self.signer is None else self.signer.tag(frame)
         return [frame] if tag is None else [frame, tag]
 
@@ -118,7 +118,7 @@ class PlayedManager:
 
     @property
     def session(self) -> Session:
-        """Give the session that the last welcome has opened."""
+        """Give the session that the last WELCOME has opened."""
         assert self.signer is not None
         return Session(self.node, self.signer.term, self.signer.number)
 
@@ -135,7 +135,7 @@ class ProvenStates:
     def prove(
         self, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY, *, stride: int = 1, is_true: bool = True
     ) -> Frame:
-        """Give a page 0 with the number of its beat, which also proves an EMCY; or a page 1.
+        """Prove a state: a page 0, with the number of its beat, which also proves an EMCY; or a page 1.
 
         stride: from this beat to the next; above 1 as if frames were lost. is_true: False gives the tag 0.
         """
@@ -151,7 +151,7 @@ class ProvenStates:
         return Frame(state_id(self.node), joined_state(said, tag))
 
     def take(self, control: Control, manager: int) -> None:
-        """Process a frame that opens a session with this manager, or ends one."""
+        """Process a frame of this manager that opens or ends a session."""
         if control.node == self.node and control.operation is Operation.WELCOME:
             self.session, self.beat = Session(manager, control.term, control.a << 16 | control.b), 0
         elif control.node == self.node and control.operation is Operation.RENEW:

@@ -1,4 +1,4 @@
-"""Modules that do to their partition what a module should not do; each does it in its third step."""
+"""Modules that harm their partition, each in one way and in its third step."""
 
 # ruff: noqa: ARG002 - none of them looks at anything
 

@@ -1,4 +1,4 @@
-"""docs/desk.md as it is written, on a vcan, from the bus on; and the files for a node's computer."""
+"""The commands of docs/desk.md as the page has them, on a vcan; and the files for a node's computer."""
 
 import configparser
 import contextlib

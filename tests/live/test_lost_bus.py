@@ -1,4 +1,4 @@
-"""What happens to an agent's bus, and what the agent makes of it: it stays up, reports it once, and comes back.
+"""Faults of an agent's bus: the agent stays up, reports the fault once, and comes back.
 
 On a software bus, on vcan, and on an interface with a controller of its own (`serial_adapter`).
 """

@@ -1,6 +1,6 @@
-"""Manager and PEs as processes on a software bus, met by strangers: a CANopen master, a CANaerospace tool, a rival.
+"""Manager and PEs as processes on a bus, with foreign nodes: a CANopen master, a CANaerospace tool, a second manager.
 
-And by mistakes of the user who starts them: each is one sentence on standard error and an exit code, never a traceback.
+Also mistakes of the user who starts them: each gives one sentence on standard error and an exit code, and no traceback.
 """
 
 import json

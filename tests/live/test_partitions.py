@@ -1,4 +1,4 @@
-"""Partitions as real processes: whatever a module does to its own, the agent is told one sentence, and others go on."""
+"""Partitions as real processes: whatever a module does to its own, the agent gets one sentence, and others go on."""
 
 import os
 import select

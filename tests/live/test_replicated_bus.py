@@ -1,4 +1,4 @@
-"""A replicated bus with real processes, on two software buses and on two vcans: wires are pulled, and pulled again."""
+"""A replicated bus with real processes, on two software buses and on two vcans: wires are cut, one after the other."""
 
 import os
 import select

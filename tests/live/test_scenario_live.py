@@ -1,4 +1,4 @@
-"""The same scenario files with real processes on software buses of their own, and nothing left behind."""
+"""Files of tests/scenarios, flown by real processes on software buses; no process and no folder is left behind."""
 
 import json
 import re

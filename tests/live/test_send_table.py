@@ -1,4 +1,4 @@
-"""A PE that is started with nothing but its number, and gets its table over the bus."""
+"""A PE that is started with only its node-ID, and gets its table over the bus."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""What is installed where: a node without what the manager needs, and a wheel that knows no checkout."""
+"""What is installed where: a node without the manager's packages, and a wheel that needs no checkout."""
 
 import json
 import os

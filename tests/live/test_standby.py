@@ -1,5 +1,4 @@
-"""The manager of a flying aircraft is killed for real: the standby manager takes over, and no function is
-interrupted."""
+"""The manager of a flying aircraft is killed: the standby manager takes over, and no function is interrupted."""
 
 import json
 import subprocess

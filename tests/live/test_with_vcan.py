@@ -1,4 +1,4 @@
-"""tools/with-vcan, called as a user calls it: what goes in reaches the command, what comes out reaches the user.
+"""tools/with-vcan, called as a user calls it: input reaches the command, and its output reaches the user.
 
 Where the kernel has no vcan, these tests boot a user-mode Linux once per call, about a second each.
 """

@@ -1,4 +1,4 @@
-"""A manager of a small spec, with its PEs played by the test: frames in, actions out, time by hand.
+"""A manager of a small spec; the test plays its PEs, gives it frames, reads its actions, and sets the time.
 
 Three PEs on one bus: `left` and `right` can each drive one servo of the elevator (branches of one DEMUX), `left` and
 `middle` can compute its demand. The heartbeat period is 20 ms.

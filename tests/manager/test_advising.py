@@ -1,4 +1,4 @@
-"""A manager that only advises: it hears and plans like any other, and commands nothing."""
+"""A manager that only advises: it receives and plans like any other manager, and sends no command."""
 
 from typing import Any
 

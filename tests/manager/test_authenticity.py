@@ -1,4 +1,4 @@
-"""A manager with a key: what it tags, which states and commands it believes, and what proves them."""
+"""A manager with a key: which of its frames have tags, and which states and commands of other nodes it accepts."""
 
 from collections.abc import Callable
 from copy import copy

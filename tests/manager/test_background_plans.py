@@ -1,4 +1,4 @@
-"""A plan that was made immediately flies first; the best one is requested then, and taken where it counts."""
+"""A plan that was made immediately flies first; then the best plan is requested, and taken if it is better."""
 
 from dataclasses import replace
 

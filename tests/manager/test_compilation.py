@@ -1,4 +1,4 @@
-"""What a configuration becomes on the wire, read back by indices of tables alone, as the PEs do it."""
+"""The slices of a configuration on the wire, read back with the indices of tables alone, as the PEs do it."""
 
 import itertools
 import random

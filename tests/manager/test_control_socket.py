@@ -1,4 +1,4 @@
-"""The operator's socket: a permitted caller is answered; another caller, or nonsense, does no harm."""
+"""The operator's socket: a permitted caller is answered; another caller, or malformed input, has no effect."""
 
 import json
 import os

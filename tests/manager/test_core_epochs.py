@@ -1,4 +1,4 @@
-"""One epoch after the other, as the manager's core deploys them: what goes wrong on the way, and what it does then."""
+"""The epochs that the manager's core deploys, one after the other; the faults on the way, and the core's reaction."""
 
 from dataclasses import replace
 from pathlib import Path

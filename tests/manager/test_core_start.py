@@ -1,4 +1,4 @@
-"""How a manager begins and ends its mastership, by what it sends on the bus."""
+"""How a manager begins and ends its mastership, checked by the frames that it sends."""
 
 import pytest
 

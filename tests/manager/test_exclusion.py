@@ -1,4 +1,4 @@
-"""Which PE may still drive what: break before make, from the manager's side."""
+"""Which PE may still drive an exclusive output, as the manager knows it: break before make."""
 
 from pathlib import Path
 

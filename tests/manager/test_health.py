@@ -1,4 +1,4 @@
-"""Suspect, PING, declare down, and let back in: scenarios on the record of one PE."""
+"""A PE is suspected, gets PING, is lost, and becomes available again: scenarios on the record of one PE."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
-"""The manager's journal against kills, changed bits and full disks: what it then holds was true, and numbers rise.
+"""The manager's journal after kills, changed bits and full disks: its content was true once, and numbers only rise.
 
-The test knows the records that were written, in order, and nothing of how they are kept.
+The test knows the records that were written, in order, and not how the journal keeps them.
 """
 
 import os

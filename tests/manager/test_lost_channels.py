@@ -1,4 +1,4 @@
-"""A channel that carries nothing, as the manager knows it: reported, forgotten in time, and no reason for a plan."""
+"""A channel that carries nothing, as the manager knows it: reported, forgotten in time, no reason for a new plan."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Mastership: nothing changes but by the table of transitions, and `validate` notices where it did."""
+"""Mastership: its state changes only by the table of transitions, and `validate` notices any other change."""
 
 from enum import Enum, auto
 

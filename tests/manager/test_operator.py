@@ -1,4 +1,4 @@
-"""What the operator orders a manager to do in flight, what PEs request of it, and what its status tells."""
+"""The operator's orders to a flying manager, the PEs' requests to it, and its status."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 """The planner on the shipped aircraft: every single fault, some double ones, a bad radio link; too large to enumerate.
 
-What can be known without brute force: the verifier accepts every plan, the proof is complete, and with less to run on
-nothing of levels 1 to 3 gets better (whatever is legal then is legal now).
+Three things can be checked without brute force: the verifier accepts every plan, the proof is complete, and with fewer
+resources no plan is better at levels 1 to 3 (each of its configurations was legal before).
 """
 
 import itertools

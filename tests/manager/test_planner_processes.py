@@ -1,4 +1,4 @@
-"""The policy with the real planners behind it, each in its own process: what may come next is planned ahead."""
+"""The policy with the real planners, each in its own process: plans for the next fault are made ahead."""
 
 import select
 from collections.abc import Iterator

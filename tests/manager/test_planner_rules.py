@@ -1,4 +1,4 @@
-"""What the planner does about each semantics rule and each level, one story at a time, on specs of a few modules."""
+"""How the planner keeps each semantics rule and each level, one story at a time, on specs of a few modules."""
 
 from collections.abc import Iterable
 

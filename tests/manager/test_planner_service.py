@@ -1,4 +1,4 @@
-"""The planner's process: warm, queried over pipes, never silent, gone with its client."""
+"""The planner's process: loaded before the first request, queried over pipes, never silent, ended with its client."""
 
 import json
 import os

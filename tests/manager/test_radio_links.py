@@ -1,4 +1,4 @@
-"""What follows from a gateway's reports: a limit in steps, a loss of all PEs beyond, and a return."""
+"""The manager's reactions to a gateway's reports on its radio: a limit in steps, loss of the PEs beyond, return."""
 
 from dataclasses import dataclass, field
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""The manager's half of the two phases, one epoch at a time: what it asks which PE, how often, and for how long."""
+"""The manager's side of one epoch: its requests to each PE, how often, and for how long."""
 
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.objective import score

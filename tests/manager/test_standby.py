@@ -1,4 +1,4 @@
-"""A standby manager: what makes it take over, and what it knows then."""
+"""A standby manager: when it takes over, and what it knows then."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,15 +1,15 @@
 """Every legal configuration of a small spec, and the best of them, by brute force: the measure of the planner.
 
-Written from semantics.md alone. It shares with the product the model's dataclasses and the analysis of one bus
-(`heronry_wire.timing`); faults, routes, gates, identifiers, resources, deadlines and scoring are done here a second
-time, in another way, so that an error has to be made twice to go unseen:
+Written from semantics.md alone. This code shares with the product the model's dataclasses and the analysis of one bus
+(`heronry_wire.timing`). Faults, routes, gates, identifiers, resources, deadlines and scoring are computed here a second
+time, in another way, so that an error is seen unless both have it:
 
-1. *Structures*: modules, modes and wires without places, built backwards from the outputs of wanted functions.
-   Whatever is not pulled in by a wire does not run, so every structure is purposeful by construction.
+1. *Structures*: modules, modes and wires without places, built backwards from the outputs of wanted functions. A module
+   to which no wire leads does not run, so no structure has an idle module.
 2. *Placements* of a structure on PEs, with resources, placement rules, bandwidth and deadlines.
 
-Levels 1 to 3 of the objective depend on the structure alone, so the best configuration is looked for by falling
-structure value, and only the structures that share the best feasible value are placed in all ways.
+Levels 1 to 3 of the objective depend on the structure alone. So structures are tried from the highest value down, and
+only those that share the best feasible value are placed in all ways.
 """
 
 import itertools

@@ -1,9 +1,9 @@
-"""Legal configurations with something wrong in them, which the verifier must refuse.
+"""Legal configurations with one thing changed, of which the verifier must find the illegal ones.
 
-    PYTHONPATH=tests python -m planner.mutants 0 2000     seeds 0 to 1999: how many of each kind, and what came of them
+    PYTHONPATH=tests python -m planner.mutants 0 2000     seeds 0 to 1999: how many of each kind, and the results
 
-A mutation is drawn by a seed and changes one thing, as a defect of a planner or of a link might. Whether the mutant is
-still legal, brute force says: it lists every legal configuration there is. The verifier must agree, either way.
+A mutation is drawn by a seed and changes one thing, as a defect of a planner or of a link might. Brute force lists
+every legal configuration, and so decides whether the mutant is still legal. The verifier must agree with it.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""Small random specs with everything in them: test cases of planner, verifier and enumerator.
+"""Small random specs with every kind of element: test cases of planner, verifier and enumerator.
 
-`random_case` draws from a `random.Random`, be it a seeded one or Hypothesis's (`st.randoms`). Every spec keeps what a
-loaded one keeps (`model.py`). Capacities, bit rates and deadlines are drawn so that they often bind; `features` names
-what a case contains, so that a test can see to it that nothing has gone missing from the mixture.
+`random_case` draws from a `random.Random`, a seeded one or Hypothesis's (`st.randoms`). Every spec meets the conditions
+that a loaded spec meets (`model.py`). Capacities, bit rates and deadlines are drawn so that they often bind. `features`
+names what a case contains, so that a test can check that every feature occurs.
 """
 
 import itertools

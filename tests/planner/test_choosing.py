@@ -1,4 +1,4 @@
-"""Choosing without places: a bound on what can be served, and as a rule what is served."""
+"""The choice of functions and modes without places: an upper bound of the served functions, often exact."""
 
 import random
 

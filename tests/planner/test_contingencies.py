@@ -1,4 +1,4 @@
-"""Plans made ahead: numbered, kept, read back, looked up, and shared out among the PEs."""
+"""Plans made ahead: numbered, kept, read back, looked up, and distributed to the PEs."""
 
 import random
 import zlib

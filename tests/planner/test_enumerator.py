@@ -1,4 +1,4 @@
-"""Brute force is right where the answer is known: the paper's Figure 3, and spaces small enough to count by hand."""
+"""Brute force gives the known answers: for the paper's Figure 3, and for specs small enough to count by hand."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Deadlines that bind cost a search or two, not one for each set of messages that would be too many."""
+"""Deadlines that bind cost a search or two, not one search for each set of messages that is too large."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Each way to search everything proves the same: what one of them leaves open is left to the next."""
+"""All strategies of a complete search prove the same; what one leaves open, the next one decides."""
 
 import random
 from collections.abc import Callable, Iterator

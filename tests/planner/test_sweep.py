@@ -1,4 +1,4 @@
-"""A sweep gives for every fault set the plan that planning would give, and plans few of them."""
+"""A sweep gives for every fault set the plan that a search would give, with few searches."""
 
 import random
 from collections.abc import Iterable, Iterator

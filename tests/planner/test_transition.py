@@ -1,7 +1,7 @@
 """Transitions: the verifier accepts what `transition` chooses, and the slices of the agents confirm both.
 
-`loads_of` is a third opinion. It knows nothing of transitions: it lets the slices that the agents would hold publish
-and forward, PE by PE, each in the state that it is put into.
+`loads_of` is a third opinion, without any knowledge of transitions: it puts PE by PE into its state, and sums what the
+PEs' slices then publish and forward.
 """
 
 import itertools

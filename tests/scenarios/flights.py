@@ -1,4 +1,4 @@
-"""What the scenarios share: the aircraft that fly in them, and how a flight is begun, disturbed and evaluated."""
+"""The aircraft of the scenario tests, and how a flight is begun, disturbed and evaluated."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Modules that look, and one that shows what was seen: nothing but traffic."""
+"""Modules that send a view, and one that shows it: they only make traffic."""
 
 from heronry_agent.module import Inputs, Module, Value
 

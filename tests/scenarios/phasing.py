@@ -1,4 +1,4 @@
-"""Modules that bring a phase about: one requests it, one gives what a phase's rule waits for, and one shows."""
+"""Modules that start a phase: one requests it, one gives the variable of a phase's rule, and one shows."""
 
 from heronry_agent.module import Inputs, Module, Value
 

@@ -1,4 +1,4 @@
-"""Code of a user in a module: here, code that fails in flight."""
+"""Modules of a user that fail in flight."""
 
 from heronry_agent.module import Context, Inputs, Module, Value
 

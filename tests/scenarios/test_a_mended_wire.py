@@ -1,4 +1,4 @@
-"""A PE that was not heard for a while, and is heard again just when other PEs have taken over what it did."""
+"""A PE that was not heard for a while is heard again at the moment when other PEs have taken over its modules."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A manager that starts anew while every PE is in quarantine, as it remembers: there is no PE to command."""
+"""A manager starts while its journal has every PE in quarantine: there is no PE to command."""
 
 from scenarios.flights import MS, flying, two_tails
 

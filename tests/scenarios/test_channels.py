@@ -1,4 +1,4 @@
-"""Pulling one channel of a replicated bus changes nothing but the report, at any moment and on any PE."""
+"""The loss of one channel of a replicated bus, at any moment and on any PE, changes only the reports."""
 
 from typing import Any
 

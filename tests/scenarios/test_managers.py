@@ -1,4 +1,4 @@
-"""The manager dies, and another mastership begins: no function stops for that, and the new manager finds what runs."""
+"""The manager dies, and another mastership begins: no function stops, and the new manager adopts what runs."""
 
 import pytest
 

@@ -1,6 +1,6 @@
-"""Every scenario file beside this one holds in the simulator, and the manager decides in it what it decided before.
+"""Every scenario file of this folder holds in the simulator, with the decisions of its golden trace.
 
-Where a decision has changed on purpose: `heronry scenario tests/scenarios/*.scenario --rewrite`, and read the diff.
+After an intended change of a decision run `heronry scenario tests/scenarios/*.scenario --rewrite`, and read the diff.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Start-up, and one fault after the other: what could be served is heard again every time."""
+"""Start-up, and one fault after the other: each time all functions that can be served are heard again."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""With a key: whatever happens to one TAG, nonce or welcome, every PE is believed again, and no other PE is lost."""
+"""With a key: whatever happens to one TAG, nonce or WELCOME, every PE is available again, and no other PE is lost."""
 
 import pytest
 

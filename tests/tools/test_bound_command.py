@@ -1,4 +1,4 @@
-"""`heronry bound`: what the worst case of a reconfiguration is made of, and what has none."""
+"""`heronry bound`: the summands of the worst case of a reconfiguration, and cases without a bound."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""`heronry bus`: what every bus carries, under a given plan, and whether it comes in time."""
+"""`heronry bus`: the messages on every bus under a plan, and whether they come in time."""
 
 import json
 import re
@@ -157,7 +157,7 @@ def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
     ("arguments", "sentence"),
     [
         (("--bus", "can1"), "big_blue has no bus 'can1'; its buses are can0, radio"),
-        (("--plan", "PLAN"), "the spec has no such module; the messages of such a plan are not defined"),
+        (("--plan", "PLAN"), "the spec has no such module; the messages of such a plan are not defined: correct it"),
         (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
     ],
 )

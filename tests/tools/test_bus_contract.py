@@ -1,7 +1,6 @@
-"""What every bus that the product runs on must do: the software bus here, real SocketCAN where vcan0 is.
+"""The contract of every bus of the product: tested on the software bus, and on SocketCAN where there is a vcan0.
 
-The stories that need arbitration and bus time run on the software bus alone, which has them; vcan has
-neither.
+The stories that need arbitration and bus time run on the software bus alone, since vcan has neither.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""`heronry campaign`: what survives, requirements for CI, and a page that stands by itself."""
+"""`heronry campaign`: the functions that survive, requirements for CI, and a page that needs no other file."""
 
 import io
 import json

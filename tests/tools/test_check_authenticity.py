@@ -1,4 +1,4 @@
-"""Every command that a PE accepts was authentic and fresh: the oracle finds the PE that breaks that, and no other."""
+"""The oracle of authenticity: it finds a PE that accepts a command that is not authentic and fresh, and no other PE."""
 
 from itertools import pairwise
 

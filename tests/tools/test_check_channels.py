@@ -1,4 +1,4 @@
-"""The oracle of replicated buses: shown nodes that take a sending twice or not at all, and false reports."""
+"""The oracle of replicated buses: it finds nodes that take a frame twice or not at all, and false reports."""
 
 import pytest
 

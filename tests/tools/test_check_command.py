@@ -1,4 +1,4 @@
-"""`heronry check` and its kin as a person or a CI uses them: what they print, and how they exit."""
+"""`heronry check`, `rules`, `explain` and `schema` as a person or a CI uses them: output and exit codes."""
 
 import argparse
 import io
@@ -171,7 +171,10 @@ def test_a_family_that_solves_says_what_is_missing_where_there_is_no_solver(
 
     monkeypatch.setattr(registry, "CHECKS", {"DG3": need_a_solver})
     assert main(["check", write(SPARE)]) == 2
-    assert "the families that solve need ortools: install heronry[manager], or use --fast" in capsys.readouterr().err
+    assert (
+        "the rules that need a solver need ortools, too: install heronry[manager], or use --fast"
+        in capsys.readouterr().err
+    )
 
 
 def test_github_is_the_format_where_github_runs_it(

@@ -1,4 +1,4 @@
-"""The journal on the simulated disk, and its oracle: the journal holds what the frames show, whatever happens to it."""
+"""The oracle of the journal: on the simulated disk the journal must agree with the frames, after any fault."""
 
 from random import Random
 

@@ -1,4 +1,4 @@
-"""The oracle of a radio finds what is old, and what is too much for it."""
+"""The oracle of a radio finds frames that are too old, and more frames than the radio can carry."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The DBC says what the codecs do: every kind of frame that goes over the bus is read by cantools, field by field."""
+"""The DBC agrees with the codecs: cantools reads every kind of frame on the bus, field by field."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The folder of a demo: what a dead run left is removed, what belongs to a live process is not."""
+"""The folder of a demo: the folder of a process that has ended is removed, that of a running one is not."""
 
 import os
 import subprocess

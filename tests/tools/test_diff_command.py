@@ -1,4 +1,4 @@
-"""`heronry diff` as a reviewer meets it: what changed, and what follows, phase by phase."""
+"""`heronry diff` as a reviewer sees it: what changed, and what follows, phase by phase."""
 
 import json
 import random

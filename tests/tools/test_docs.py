@@ -2,8 +2,8 @@
 
 Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
 one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
-earlier one wrote. RULES knows every command: one that it does not know fails, until RULES says how to try it. A command
-that running text mentions is held to the `--help` of its program: it exists, and so do its options.
+earlier one wrote. RULES says how each command is tried; a command without a rule fails. A command that running text
+mentions must exist in the `--help` of its program, with its options.
 """
 
 import os

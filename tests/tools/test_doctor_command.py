@@ -1,4 +1,4 @@
-"""`heronry doctor`: what it finds right, what it finds wrong, and what it advises to type."""
+"""`heronry doctor`: what it finds right, what it finds wrong, and the remedies that it gives."""
 
 import json
 from collections.abc import Iterator

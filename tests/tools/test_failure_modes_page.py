@@ -1,4 +1,4 @@
-"""docs/failure_modes.md speaks of every fault that the simulator knows, and shows each by a scenario that does it.
+"""docs/failure_modes.md describes every fault that the simulator knows, and names a scenario for each.
 
 docs/scenarios.md names scenarios for every rule of the protocol that is built.
 """

@@ -1,4 +1,4 @@
-"""`heronry key`, and the commands that are given one."""
+"""`heronry key`, and the commands that take a key."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Plans made ahead where no file is named: made once, kept, the same for manager and tables, no reason not to fly."""
+"""Plans made ahead without a file: made once, kept, equal for manager and tables, and never a reason not to fly."""
 
 import fcntl
 import io

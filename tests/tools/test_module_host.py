@@ -1,4 +1,4 @@
-"""The module host of a simulated PE: whatever foreign code does, one answer comes out."""
+"""The module host of a simulated PE: whatever the code of a module does, the host gives one answer."""
 
 from dataclasses import replace
 

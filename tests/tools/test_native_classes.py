@@ -1,4 +1,4 @@
-"""What is written into the copy that is compiled: other text, the same classes."""
+"""The source text that is written for compilation: another text, the same classes."""
 
 import dataclasses
 import sys

@@ -1,4 +1,4 @@
-"""What the operator's commands print, and how they end; the manager here is its core and its socket, in a thread."""
+"""The output and exit codes of the operator's commands; the manager is its core and its socket, in a thread."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind.
+"""Output that cannot be written: no room, a folder, a device, a link. The user gets one sentence and no partial file.
 
 The flight itself goes on.
 """

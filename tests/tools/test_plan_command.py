@@ -1,4 +1,4 @@
-"""`heronry plan` and `heronry verify` as a user meets them: tables, JSON, exit codes, one sentence for a mistake."""
+"""`heronry plan` and `heronry verify` as a user sees them: tables, JSON, exit codes, one sentence for a mistake."""
 
 import io
 import json

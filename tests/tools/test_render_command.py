@@ -1,5 +1,4 @@
-"""`heronry render` as its user meets it: one symbol for everything, crossed out if dead, bold if chosen, as text
-too."""
+"""`heronry render` as a user sees it: one symbol for each element, crossed out if dead, bold if chosen; as text."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The places in a picture: no symbol on another, no edge through a symbol, everything to the right of its cause."""
+"""The places in a picture: no symbol on another, no edge through a symbol, every edge to the right."""
 
 import random
 from collections import Counter

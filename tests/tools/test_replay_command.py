@@ -1,4 +1,4 @@
-"""`heronry replay`: a recording gives the same decisions again, with their reasons, and what differs is told."""
+"""`heronry replay`: a recording gives the same decisions again, with their reasons; differences are reported."""
 
 import json
 from collections.abc import Iterator
@@ -77,7 +77,7 @@ def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureF
     simulation.run_for(3 * MS)  # LEASE is out, and PREPARE comes later
     file = recorded(simulation, tmp_path / "start.log")
     main(["replay", str(file), SPEC])
-    assert capsys.readouterr().out.endswith("nothing was decided: this shows nothing\n\n")
+    assert capsys.readouterr().out.endswith("the manager decided nothing, so there is nothing to compare\n\n")
 
 
 def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

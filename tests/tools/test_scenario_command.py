@@ -1,4 +1,4 @@
-"""`heronry scenario` as its user meets it: what cannot be read, what does not hold, and what was decided otherwise."""
+"""`heronry scenario` as a user sees it: unreadable files, broken expectations, decisions that differ."""
 
 import json
 from pathlib import Path
@@ -393,14 +393,14 @@ def test_a_channel_is_pulled_from_software_buses_of_its_own_alone(capsys: pytest
 
 def test_the_simulator_needs_no_patience(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenario", str(written(tmp_path, HOLDS)), "--patience", "5"]) == 2
-    assert "--patience: the simulator has all the time it needs; add -i and -c" in capsys.readouterr().err
+    assert "--patience: the simulator needs no patience; add -i and -c" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("times", ["0.5", "101", "nan", "much"])
 def test_a_patience_is_a_number_of_times(times: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["scenario", "some.scenario", "-i", "softbus", "--patience", times])
-    assert f"{times} is no patience; write how many times as long, 1 to 100" in capsys.readouterr().err
+    assert f"{times} is not a factor for times; write a number from 1 to 100" in capsys.readouterr().err
 
 
 def test_an_interface_needs_a_channel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""`heronry sim` as its user meets it: what it prints, what it exits with, and the command that replays a flight."""
+"""`heronry sim` as a user sees it: output, exit codes, and the command that replays a flight."""
 
 import json
 import os
@@ -111,11 +111,12 @@ def test_a_file_without_faults_is_refused(tmp_path: Path, capsys: pytest.Capture
     file.write_text("# 1 crash pe:tail_pe\n\n")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
     assert (
-        capsys.readouterr().err == f"heronry: --acts {file}: it has no fault; write one a line, or leave --acts out\n"
+        capsys.readouterr().err
+        == f"heronry: --acts {file}: the file has no fault; write one a line, or leave --acts out\n"
     )
     file.write_bytes(b"\xff\xfe")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
-    assert "it is not text in UTF-8; name a file with one fault a line" in capsys.readouterr().err
+    assert "the file is not text in UTF-8; name a file with one fault a line" in capsys.readouterr().err
 
 
 def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
@@ -179,7 +180,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
     ("words", "sentence"),
     [
         (["--kill", "pe:tail@1"], "did you mean 'tail_pe'"),
-        (["--kind", "collapse"], "elevator_and_chute has no far bus as a target for it"),
+        (["--kind", "collapse"], "elevator_and_chute has no far bus for a fault of this kind"),
         (["--kill", "tail_pe"], "write it as pe:NAME@SECONDS"),
         (["--restore", "pe:tail_pe@1"], "kill and restore in turn"),
     ],
@@ -199,7 +200,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
         (["--runs", "-2"], "0 or more"),
         (["--runs", "0"], "1 or more"),
         (["--seed", "x"], "x is not a whole number; write 0 or more"),
-        (["--seconds", "x"], "x is no time to fly; write 0 to 86400 seconds"),
+        (["--seconds", "x"], "x is not a flight time; write 0 to 86400 seconds"),
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused(
@@ -375,8 +376,8 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 pause pe:tail_pe for 0.1 level 3"], "pause has no level; leave it out"),
         (["--act", "1 pause device:gps"], "pause cannot be injected into device:gps"),
         (["--act", "1 manager_crash standby"], "there is one manager; name it 'manager', or add --standby for two"),
-        (["--kind", "explode"], "there is no such fault"),
-        (["--act", "90000 crash pe:tail_pe"], "is longer than a flight may be; let it be over after 86400 seconds"),
+        (["--kind", "explode"], "no kind of fault has this name"),
+        (["--act", "90000 crash pe:tail_pe"], "is longer than a flight may be; let the fault end within 86400 seconds"),
         (["--act", "1 crash pe:tail_pe for 100000"], "is longer than a flight may be"),
         (["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@90000"], "is longer than a flight may be"),
         (["--kill", "primary@4"], "there is one manager; name it 'manager', or add --standby for two"),

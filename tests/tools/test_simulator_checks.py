@@ -1,4 +1,4 @@
-"""The oracles of a simulated run see what they are for, and nothing else."""
+"""Each oracle of a simulated run finds the violations that it is for, and no others."""
 
 import ast
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""The oracles of masterships: each sees what it is for, and nothing else."""
+"""Each oracle of masterships finds the violations that it is for, and no others."""
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path

@@ -1,4 +1,4 @@
-"""The oracles of an aircraft that is left alone: each is shown a flight that is bad in its own way."""
+"""The oracles of a flight without injected faults: each gets a flight with one violation, and must find it."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The life of a hub: its place in the file system, its end, and clients that do not keep to the rules."""
+"""The life of a hub: its place in the file system, its end, and clients that break its protocol."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The line against a plain reckoning of the same rules, for any offers and any lateness of the caller."""
+"""The line against a simple calculation of the same rules, for any offers and any lateness of the caller."""
 
 from hypothesis import given
 from hypothesis import strategies as st

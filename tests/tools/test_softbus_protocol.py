@@ -1,4 +1,4 @@
-"""Records of the software bus: what is encoded comes back, and no bytes whatever raise."""
+"""Records of the software bus: an encoded record is decoded again, and no bytes raise."""
 
 from hypothesis import given
 from hypothesis import strategies as st

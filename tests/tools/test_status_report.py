@@ -1,4 +1,4 @@
-"""The status of a manager in lines for people: what is wrong first."""
+"""The status of a manager as lines of text: what is wrong comes first."""
 
 from typing import Any
 

@@ -242,7 +242,7 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_shown()
         "device:gps counts as working again, cleared by the operator",
         "it would start b, c; move a",
         "it would only change modes and wires",
-        "epoch 8 runs, which this manager does not know: it gives no advice",
+        "this manager does not know the running epoch 8, and gives no advice",
     ]
     assert lines[-1].startswith("[  0.01 s] KILL tail_pe")
     assert "it ran state_estimator" in lines[-1]

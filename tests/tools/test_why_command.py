@@ -1,4 +1,4 @@
-"""`heronry why`: reasons of which each is needed, and repairs of which none could be smaller."""
+"""`heronry why`: reasons of which each is needed, and smallest repairs."""
 
 import json
 import random

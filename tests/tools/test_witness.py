@@ -1,4 +1,4 @@
-"""The witness believes frames alone: what is heard, what has fallen silent, and which modules drive at one time."""
+"""The witness uses frames alone: functions that are heard, functions that fell silent, modules that drive together."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Link status events of a bus, as sentences and counts; and how Linux reports a controller and an interface."""
+"""Link status events as sentences and counts; and Linux's reports on a controller and an interface."""
 
 import socket
 import struct

@@ -1,4 +1,4 @@
-"""Which channel is lost, by the signs of life of both."""
+"""Which channel is lost, from the frames that both channels carry."""
 
 import pytest
 

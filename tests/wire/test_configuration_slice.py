@@ -1,4 +1,4 @@
-"""Slices: bytes written by hand, one encoding for each, and any bytes at all in bounded time."""
+"""Slices: bytes written by hand, one encoding for each slice, and any bytes are decoded in bounded time."""
 
 import random
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Contingencies on board: they are read as they were written, and other bytes are refused."""
+"""Contingencies on board are read as they were written, and other bytes are refused."""
 
 import pytest
 from hypothesis import given

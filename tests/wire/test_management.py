@@ -1,4 +1,4 @@
-"""The management protocol: bytes written by hand, every message both ways, and any bytes at all."""
+"""The management protocol: bytes written by hand, every message encoded and decoded, and any bytes decoded."""
 
 import pytest
 from hypothesis import example, given

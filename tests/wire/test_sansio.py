@@ -1,4 +1,4 @@
-"""The message of an invariant that does not hold has the facts, with `python -O` too."""
+"""The message of a broken invariant has the facts, with `python -O` too."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""A node's own queue: the most urgent first, in order within an identifier, and bounded."""
+"""A node's own queue: the most urgent frame first, in order within an identifier, and of bounded length."""
 
 from hypothesis import given
 from hypothesis import strategies as st

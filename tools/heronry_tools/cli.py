@@ -52,8 +52,8 @@ examples:
   heronry why big_blue guidance --down device:gps --phase glide
   heronry contingencies big_blue -o big_blue.contingencies      plans for all faults, made ahead for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
-  heronry key fleet.key                          a key, without which no node can command
-  heronry status                                 what the manager here knows; phase, fail, clear: orders to it
+  heronry key fleet.key                          a key: a node without it cannot command
+  heronry status                                 what the manager here knows; phase, fail, clear give orders to it
   heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with other faults
   heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
@@ -92,7 +92,7 @@ def _run(argv: Sequence[str]) -> int:
 
 
 def _files_for(argv: Sequence[str]) -> list[str]:
-    """The file of the command that is given; all of them where none is, as for --help."""
+    """Give the command files whose parsers are needed: that of the given command, or all, as for --help."""
     return [name for name, commands in COMMANDS.items() if argv and argv[0] in commands] or list(COMMANDS)
 
 

@@ -1,11 +1,12 @@
-"""What a PE's agent costs, and how steady it is: real processes on a software bus.
+"""The cost of a PE's agent, and how regular its frames are: real processes on a software bus.
 
     python -m lab.benches.agent [--spec big_blue] [--seconds 20] [--busy 2]
 
-Flies the spec twice for `--seconds`, its data on the bus: once on an idle computer, once beside `--busy` processes that
-compute without end. Prints the start-up time of the agent's code, and for each agent its memory, its processor time,
-that of its partitions, its processor time per frame, and by how much the interval between two of its state frames is
-longer than their period. The last line is the processor time of all processes of the flight, hubs and manager included.
+The benchmark flies the spec twice for `--seconds`, with its data on the bus: on an idle computer, and beside `--busy`
+processes that compute without end. It prints the start-up time of the agent's code. For each agent it prints the
+memory, the processor time, that of its partitions, the processor time per frame, and by how much the interval between
+two state frames is longer than their period. The last line is the processor time of all processes of the flight, hubs
+and manager included.
 """
 
 import json

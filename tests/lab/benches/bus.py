@@ -1,11 +1,12 @@
 """The response-time analysis against a simulated bus, at critical instants and in any phasing.
 
-A bus is simulated by itself, event by event, and shares no code with the analysis (`heronry_wire.timing`): nodes that
-queue by priority, frames of their longest length, one at a time and never interrupted; jitter, and below all messages a
-node that always has a frame of 135 bits to send. Random message sets are run in two ways:
+A bus is simulated by itself, event by event, without code of the analysis (`heronry_wire.timing`). Its nodes queue
+frames of greatest length by priority; the bus carries one at a time, without interruption. Frames have jitter, and a
+node with the lowest priority always has a frame of 135 bits to send. Random message sets are run in two ways:
 
-    critical instant   for every message: the longest frame below it has just started, and the message and all above it
-                       are queued, each as late after it was due as it may be; then each comes as soon as it may
+    critical instant   for every message: the longest frame of lower priority has just started, and the message and all
+                       of higher priority are queued, each as late after it was due as it may be; then each comes as
+                       soon as it may
     any phasing        drawn offsets, and a drawn lateness of every instance
 
 No response may be longer than the bound of the analysis, and at its critical instant each response must reach nine
@@ -13,7 +14,7 @@ tenths of the bound. Time is counted in quarters of a bit. A node that has a fra
 one has taken the bus may still take part in that arbitration, or may not: here a message more urgent than the watched
 one does, and the watched one does not. That is why the equations have a whole frame of blocking, and `tau`.
 
-Exit code 1 where the analysis is wrong.
+Exit code 1 where a bound is wrong.
 """
 
 import heapq
@@ -201,7 +202,7 @@ def worked_example() -> Iterator[str]:
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Compare, and report the figures."""
+    """Compare the analysis with the simulated bus, and report the figures."""
     report.lines(["Davis et al. 2007, 125 kbit/s:", *worked_example()])
     tally = try_sets(arguments.sets, arguments.seed)
     report.figures(

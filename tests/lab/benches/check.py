@@ -1,7 +1,7 @@
 """How long `heronry check --fast` takes, and how much memory: specs of growing size, and malicious files.
 
-Each file is checked by a process of its own; the first line is a spec of two modules, which is nearly all start-up.
-On a busy machine the CPU time is the figure to read.
+Each file is checked by a process of its own. The first line is a spec of two modules, which takes nearly only the
+start-up. On a busy machine the CPU time is the figure to read.
 """
 
 import os

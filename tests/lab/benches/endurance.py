@@ -66,7 +66,7 @@ class Reboot:
 
     @property
     def is_in_time(self) -> bool:
-        """Tell whether the manager noticed the reboot within a heartbeat; one or two frames may have gone first."""
+        """Tell whether the manager noticed the reboot within a heartbeat and 2 ms, the time of one or two frames."""
         return self.noticed_ns is not None and self.noticed_ns <= self.heartbeat_ns + 2 * MS
 
 
@@ -81,7 +81,7 @@ def data_plane_off(spec: Spec) -> Spec:
 
 
 def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
-    """Fly with a seed for a time; nothing fails, but frames are lost, clocks drift and the manager stalls."""
+    """Fly for a time without faults; the seed draws lost frames, drifting clocks and stalls of the manager."""
     seed, duration_ns = flight
     random = Random(f"stalls of {seed}")
     simulation = Simulation(data_plane_off(spec), seed, faults=Faults(LOSS, LOSS), skew_ppm=SKEW_PPM)

@@ -31,7 +31,7 @@ class Aircraft:
 
 @contextmanager
 def aircraft(spec_name: str, made: Contingencies | None = None) -> Iterator[Aircraft]:
-    """Give an aircraft without manager and PEs; all its processes end with it."""
+    """Yield an aircraft without manager and PEs; all its processes end with the block."""
     spec, folder = load_spec(spec_name), run_folder()
     with Fleet(spec, spec_path(spec_name), folder, made) as fleet:
         buses = dict(choose(spec, folder, {}, None, prefer_vcan=False))

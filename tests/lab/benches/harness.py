@@ -46,7 +46,7 @@ class Report:
         self._say(section)
 
     def figures(self, sentence: str, **figures: Figure) -> None:
-        """Report figures: a sentence with their names in braces, as of `str.format`."""
+        """Report figures: a sentence with the figures' names in braces, as of `str.format`."""
         self._section()["figures"].update(figures)
         self._say(sentence.format(**figures))
 
@@ -98,7 +98,7 @@ class Benchmark:
     def __init__(
         self, name: str, about: str | None, measure: Callable[[argparse.Namespace, Report], None], *options: Option
     ) -> None:
-        """about: the text of its help; measure: is given its options, and in `words` the whole command line."""
+        """about: the text of its help; measure: gets the options, and in `words` the whole command line."""
         self._name, self._about, self._measure, self._options = name, about, measure, options
 
     def __call__(self, argv: Sequence[str] | None = None) -> int:
@@ -138,7 +138,7 @@ def seconds_option(default: float, about: str) -> Option:
 
 
 def counted(what: str, total: int, items: Iterable[Item]) -> Iterator[Item]:
-    """Give one item after the other, and show the progress."""
+    """Yield one item after the other, and show the progress."""
     with Progress() as progress:
         progress.begin(what, total)
         for item in items:

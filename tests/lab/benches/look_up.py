@@ -2,8 +2,8 @@
 
     python -m lab.benches.look_up big_blue.contingencies big_blue
 
-*Found* is what a switch by number needs: the precondition is checked, and the number of the configuration is known. *As
-a plan* adds the report for the manager's event stream, which is computed at the first use of a plan.
+*Found* is all that a switch by number needs: the precondition is checked, and the number of the configuration is known.
+*As a plan* adds the plan with its report for the manager's event stream, which is computed at its first use.
 """
 
 import random

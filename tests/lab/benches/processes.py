@@ -1,4 +1,4 @@
-"""What processes use, read from proc(5), and a load for this computer: processes that compute without end."""
+"""The processor time and memory of processes, from proc(5), and processes that load this computer without end."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ def cpu_s(pid: int) -> float:
 
 
 def family_cpu_s(root: int) -> dict[int, tuple[int, float]]:
-    """Give parent and processor time (s) of a process and of all that it has started, by process number."""
+    """Give parent and processor time (s) of a process and of all its descendants, by process number."""
     family = {root: (0, cpu_s(root))}
     for folder in sorted(Path("/proc").iterdir(), key=lambda each: each.name.zfill(20)):
         with suppress(OSError, ValueError, IndexError):
@@ -39,7 +39,7 @@ def _stat(pid: int) -> list[str]:
 
 @contextmanager
 def busy(count: int) -> Iterator[str]:
-    """Run `count` processes that compute without end; gives a phrase for the report."""
+    """Run `count` processes that compute without end; gives a phrase about them for the report."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield f"beside {count} busy processes" if count else "nothing else to do"

@@ -68,7 +68,7 @@ class Talks(Module):
     """A module that gives each of its variables a number, at every step."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it reads no input
-        """Compute nothing."""
+        """Do nothing: the outputs keep their numbers."""
         return {f"{self.ctx.module}_{i}": 1.0 for i in range(VARIABLES_EACH)}
 
 
@@ -76,7 +76,7 @@ class Listens(Module):
     """A module without outputs."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it is enough that it runs
-        """Compute nothing."""
+        """Do nothing."""
         return {}
 
 
@@ -92,7 +92,7 @@ class Drives(Module):
     """A module that commands its actuator from its input."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Move."""
+        """Command the actuator to the input."""
         if "demand" in inputs:
             self.ctx.write(inputs["demand"].value)
         return {}
@@ -144,7 +144,7 @@ class Times:
 
 
 def measure_decisions(spec: Spec, times: Times) -> None:
-    """Look up each loss of a PE `_LOOK_UPS` times, with no fault before."""
+    """Look up the loss of each PE `_LOOK_UPS` times; no other fault came before."""
     table = prepared(spec, FORESEEN).made
     policy = PlanningPolicy(spec, None, has_planner=True, contingencies=table)
     running = placement(_foreseen(policy, RequestPlan(0, Situation(), None)).configuration)
@@ -206,7 +206,7 @@ def _die(simulation: Simulation, pe: str, times: Times) -> None:
 
 
 def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:
-    """Note the time of a state frame that names another epoch than before."""
+    """Note the time of each state frame that names another epoch than before."""
     page = decode_state(sent.frame.data) if classify(sent.frame.can_id).use is Use.STATE else None
     if isinstance(page, StatePage0) and page.epoch != before and page.state in _HAVE_GONE:
         gone.setdefault(sent.sender, sent.end_ns)

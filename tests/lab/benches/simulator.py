@@ -1,8 +1,7 @@
 """How many seconds of flight the simulator computes in one second of processor time.
 
-Data plane, modules and oracles all run. Planning is not counted, since a campaign has few different requests; it has a
-figure of its own. Where the compiled form of these sources has been made (`heronry sim --compiled` does), it is
-measured as well.
+Data plane, modules and oracles all run. Planning is left out, since a campaign has few different requests, and has a
+figure of its own. Where `heronry sim --compiled` has compiled these sources, the compiled form is measured as well.
 """
 
 import subprocess

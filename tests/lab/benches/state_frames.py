@@ -1,4 +1,4 @@
-"""How steady nodes are: by how much the interval between two of their state frames is longer than the period."""
+"""How regular state frames are: by how much the interval between two of a node's is longer than the period."""
 
 import time
 
@@ -13,7 +13,7 @@ def forget_waiting(observer: SoftBus) -> None:
 
 
 def lateness_ms(observer: SoftBus, period_ms: float, seconds: float) -> list[float]:
-    """Listen; gives by how much each interval between two pages 0, the periodic ones, is longer than the period."""
+    """Listen; gives by how much each interval between two pages 0 (the periodic ones) is longer than the period."""
     last_s: dict[int, float] = {}
     late_ms = []
     end = time.monotonic() + seconds

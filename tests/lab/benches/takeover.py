@@ -45,7 +45,7 @@ _LEASE_IDS = {management_id(node, Command.LEASE) for node in MANAGER_NODES}
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Measure the death of a manager in each of the three ways."""
+    """Measure the time without a manager in each of the three ways."""
     spec = load_spec(arguments.spec)
     beat_ms = spec.buses[spec.manager.bus].heartbeat_ns // MS
     report.begin(f"{spec.name}, heartbeats every {beat_ms} ms")
@@ -59,7 +59,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Gone:
-    """One death of a manager."""
+    """The figures of one death of a manager."""
 
     gone_ms: float  # until the next manager named the configuration that runs
     silent: int  # functions whose outputs were late meanwhile
@@ -68,7 +68,7 @@ class _Gone:
 
 @dataclass(slots=True)
 class _Heard:
-    """What was seen on the bus around a death."""
+    """What was received on the bus around a manager's death."""
 
     witness: Witness
     killed_ns: int | None = None

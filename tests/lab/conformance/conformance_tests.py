@@ -46,7 +46,7 @@ _FILES = (
 
 
 def _tests_of(file: ModuleType) -> Iterator[ConformanceTest]:
-    """Every public function of a file, in the order in which they stand there."""
+    """Give every public function of a file, in the order of the file."""
     for name, found in vars(file).items():
         if isfunction(found) and found.__module__ == file.__name__ and not name.startswith("_"):
             yield found
@@ -60,7 +60,7 @@ CONFORMANCE_TESTS: Mapping[str, ConformanceTest] = {
 
 
 def conforms(name: str) -> tuple[str | None, str]:
-    """Run a conformance test; gives what went wrong, None if nothing did, and a digest of all frames."""
+    """Run a conformance test; gives what went wrong (None: nothing), and a digest of all frames."""
     said = player.begin()
     try:
         CONFORMANCE_TESTS[name]()

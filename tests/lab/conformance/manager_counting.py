@@ -34,7 +34,7 @@ _ALL = {"flight", "tail_a", "tail_b"}
 
 
 def _silence(manager: ManagerUnderTest, *pes: str) -> int:
-    """Let PEs be silent from just after a state of the last one; gives that moment."""
+    """Stop the states of some PEs just after a state of the last one; gives that moment."""
     last = manager.pes[pes[-1]]
     place_ns = (last.node - 92) * PERIOD_NS // 34
     manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + place_ns + MS)
@@ -44,7 +44,7 @@ def _silence(manager: ManagerUnderTest, *pes: str) -> int:
 
 
 def _gone_ns(manager: ManagerUnderTest, pe: str, since_ns: int) -> int:
-    """When ALIVE first left the PE out."""
+    """Give the time of the first ALIVE that leaves the PE out."""
     node = manager.pes[pe].node
     return next((t_ns for t_ns, alive in manager.said(Alive, since_ns) if node not in alive.nodes), -1)
 
@@ -55,7 +55,7 @@ def _back_ns(manager: ManagerUnderTest, pe: str, since_ns: int) -> int:
 
 
 def a_manager_listens_before_it_sends() -> None:
-    """It listens for T_lease; then LEASE and ALIVE go out every period, in this order, in a term of its own parity."""
+    """It listens for T_lease; then LEASE and ALIVE go out every period, in this order, in a term of its parity."""
     for node, memory, term in ((126, Memory(), 1), (127, Memory(), 2), (126, Memory(term=4), 5), (126, Memory(5), 7)):
         spec = example("demux_actuators")
         manager = ManagerUnderTest(spec, node=node, disk=remembering(spec, memory))
@@ -76,7 +76,7 @@ def a_manager_listens_before_it_sends() -> None:
 
 
 def a_manager_is_a_node_of_canopen_and_canaerospace_too() -> None:
-    """A heartbeat a second; an IDS to it is answered immediately, one to all after (n - 92) ms."""
+    """It sends a heartbeat every second; it answers an IDS to it immediately, one to all nodes after (n - 92) ms."""
     manager = ManagerUnderTest().flies()
     manager.run(3 * _S)
     beats = manager.main.since(-1, [heartbeat_id(126)])
@@ -102,7 +102,7 @@ def a_manager_is_a_node_of_canopen_and_canaerospace_too() -> None:
 
 
 def the_start_waits_for_pes_that_were_never_heard() -> None:
-    """It waits until the start-up window of 5 s closes; it does not wait, once all PEs are heard."""
+    """The manager waits until the start-up window of 5 s closes, but not once all PEs are heard."""
     manager = ManagerUnderTest()
     manager.run(130)
     demand(bool(manager.plan_requests()), "all are heard, and nothing is planned")
@@ -118,7 +118,7 @@ def the_start_waits_for_pes_that_were_never_heard() -> None:
 
 
 def in_flight_the_start_does_not_wait() -> None:
-    """Where some PE runs a configuration, the window closes once the others have missed what they may, and one more."""
+    """Where a PE runs a configuration, the window closes when the others have missed one state more than they may."""
     manager = ManagerUnderTest()
     manager.pes["tail_b"].speaks = False
     flying = manager.pes["flight"]
@@ -144,7 +144,7 @@ def in_flight_the_start_does_not_wait() -> None:
 
 
 def a_late_pe_gets_a_ping_and_a_silent_pe_is_lost() -> None:
-    """PING a period and a quarter after the last state, and with every beat; lost after three and a quarter."""
+    """PING goes out a period and a quarter after the last state, and with each beat; three and a quarter is a loss."""
     manager = ManagerUnderTest().flies()
     last_ns = _silence(manager, "tail_b")
     manager.run_until(last_ns + 200 * MS)
@@ -162,7 +162,7 @@ def a_late_pe_gets_a_ping_and_a_silent_pe_is_lost() -> None:
 
 
 def a_pe_that_answers_in_time_stays() -> None:
-    """A state 64 ms after the last one is in time."""
+    """A PE whose next state comes 64 ms after the last one is not lost."""
     manager = ManagerUnderTest().flies()
     before = len(manager.plan_requests())
     last_ns = _silence(manager, "tail_b")
@@ -178,7 +178,7 @@ def a_pe_that_answers_in_time_stays() -> None:
 
 
 def a_pe_that_comes_back_is_held_down() -> None:
-    """For ten periods without a gap, twice as long with each loss, a minute at most; a gap begins it anew."""
+    """The PE must be heard for ten periods without a gap; with each loss for twice as long, a minute at most."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     for hold_ms in (200, 400, 800, 1600):
@@ -231,7 +231,7 @@ def a_cleared_pe_waits_for_the_shortest_time() -> None:
 
 
 def losses_are_forgiven_after_a_minute() -> None:
-    """Once a PE has been available for a minute, its next hold-down is the shortest again."""
+    """When a PE has been available for a minute, its next hold-down is the shortest one again."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     for available_s, hold_ms in ((0, 200), (59, 400), (61, 200)):
@@ -251,7 +251,7 @@ def losses_are_forgiven_after_a_minute() -> None:
 
 
 def the_longest_hold_down_is_a_minute() -> None:
-    """The limit holds however often a PE is lost; a restart remembers the number of losses, and the hold-down."""
+    """The limit holds however often a PE is lost; a restarted manager remembers the losses and the hold-down."""
     spec = example("demux_actuators")
     for losses, hold_ms in ((2, 400), (8, 25_600), (9, 51_200), (10, 60_000), (30, 60_000)):
         manager = ManagerUnderTest(spec, disk=remembering(spec, Memory(term=1, quarantined={"tail_b": losses})))
@@ -262,7 +262,7 @@ def the_longest_hold_down_is_a_minute() -> None:
 
 
 def a_reboot_is_a_loss() -> None:
-    """Another incarnation is a loss, however soon; what the PE ran has stopped, so nothing is waited for."""
+    """Another incarnation is a loss, however soon; what the PE ran has stopped, so T_lease is not waited for."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_a"]  # it drives
     tail.reboot()
@@ -277,7 +277,7 @@ def a_reboot_is_a_loss() -> None:
 
 
 def a_pe_that_does_not_hear_is_failed() -> None:
-    """A PE is failed that reports for longer than T_lease that it hears no lease, while most PEs hear it."""
+    """The manager fails a PE that reports for longer than T_lease that it hears no LEASE, while most PEs hear it."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     manager.run_into_next_period(8)
@@ -302,7 +302,7 @@ def a_pe_that_does_not_hear_is_failed() -> None:
 
 
 def what_page_1_reports_of_the_lease_counts_too() -> None:
-    """Where page 0 is lost each time, page 1 tells that the PE lives, and that it hears."""
+    """Where every page 0 is lost, page 1 shows that the PE lives, and that it hears LEASE."""
     manager = ManagerUnderTest().flies()
     quiet = manager.pes["tail_b"]
     quiet.speaks = False
@@ -316,7 +316,7 @@ def what_page_1_reports_of_the_lease_counts_too() -> None:
 
 
 def when_most_pes_do_not_hear_none_is_failed() -> None:
-    """It is the manager then that is not heard; half of the PEs are not most."""
+    """Then the manager is the one that is not heard; half of the PEs are not most."""
     manager = ManagerUnderTest().flies()
     for pe in ("tail_a", "tail_b"):
         manager.pes[pe].hears = False
@@ -333,7 +333,7 @@ def when_most_pes_do_not_hear_none_is_failed() -> None:
 
 
 def a_manager_that_hears_no_pe_sends_nothing() -> None:
-    """It sends nothing until a PE is heard again: then it listens for T_lease, and begins a new term."""
+    """The manager sends nothing until it hears a PE; then it listens for T_lease, and begins a new term."""
     manager = ManagerUnderTest().flies()
     term = manager.lease().term
     last_ns = _silence(manager, "flight", "tail_a", "tail_b")
@@ -349,7 +349,7 @@ def a_manager_that_hears_no_pe_sends_nothing() -> None:
 
 
 def a_manager_that_hears_no_pe_puts_none_in_quarantine() -> None:
-    """A PE that was lost before, and now with all others, is held down no longer for that; so says the journal, too."""
+    """A PE that was lost before, and is now lost with all others, has no longer hold-down; the journal agrees."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].reboot()
     manager.run(800)
@@ -362,7 +362,7 @@ def a_manager_that_hears_no_pe_puts_none_in_quarantine() -> None:
 
 
 def a_manager_that_most_pes_refuse_falls_silent() -> None:
-    """It does when most PEs report for T_lease that they hear no LEASE; the next mastership waits for twice as long."""
+    """It falls silent when most PEs report no LEASE for T_lease; the next mastership waits for twice as long."""
     manager = ManagerUnderTest(standby=True).flies()
     for pe in manager.pes.values():
         pe.hears = False
@@ -383,7 +383,7 @@ def a_manager_that_most_pes_refuse_falls_silent() -> None:
 
 
 def a_manager_that_is_far_behind_skips_terms_once() -> None:
-    """PEs know of a term that is far higher: the third mastership in a row skips 256 terms, and no other one does."""
+    """Where PEs know a far higher term, only the third mastership in a row skips terms: 256 of them."""
     manager = ManagerUnderTest(standby=True).flies()
     for known, leaps in ((200, 1), (1000, 0)):
         terms: list[int] = []
@@ -401,7 +401,7 @@ def a_manager_that_is_far_behind_skips_terms_once() -> None:
 
 
 def of_two_managers_the_lower_term_gives_way() -> None:
-    """A manager that is heard at the start stays active; later the higher term; of two doubles the first one heard."""
+    """At the start a manager that hears another gives way; later the lower term, or of doubles the one heard later."""
     other = LAST_MANAGER
     for at_ms, said, by, ends in (
         (50, Lease(2, 0, Step.PREPARED, 0), other, True),
@@ -429,7 +429,7 @@ def of_two_managers_the_lower_term_gives_way() -> None:
 
 
 def a_starting_manager_gives_way_too() -> None:
-    """While it waits for a PE that has not been heard, a higher term makes it end, or stand by."""
+    """While a manager waits for a PE that has not been heard, a higher term makes it end, or stand by."""
     for standby in (False, True):
         manager = ManagerUnderTest(standby=standby)
         manager.pes["tail_b"].speaks = False
@@ -446,7 +446,7 @@ def a_starting_manager_gives_way_too() -> None:
 
 
 def other_frames_mean_nothing() -> None:
-    """States cut short, with 29 bits, or under a number that no PE has, change no standing."""
+    """A state that is cut short, has a 29-bit identifier, or comes under no PE's number changes no standing."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
     last_ns = _silence(manager, "tail_b")

@@ -1,4 +1,4 @@
-"""How a manager deploys a configuration: what it asks the PEs, how often, and what it waits for (protocol rule 4)."""
+"""How a manager deploys a configuration: its requests to PEs, how often, and what it waits for (protocol rule 4)."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -23,14 +23,14 @@ from lab.conformance.player import MS, demand, equal
 
 
 def _asks_anew(manager: ManagerUnderTest, pe: str = "tail_a") -> int:
-    """Let a PE be lost, so that there is another epoch; gives the moment."""
+    """Let a PE be lost, so that another epoch follows; gives the moment."""
     manager.pes[pe].speaks = False
     manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - MS)), 100, "no PE is lost")
     return manager.now_ns
 
 
 def every_pe_gets_its_slice() -> None:
-    """PREPARE, then head and body of each: all bytes, in frames of five, in the epoch's number."""
+    """After PREPARE each PE gets head and body of its slice: all bytes, in frames of five, under the epoch's number."""
     manager = ManagerUnderTest().flies()
     began = manager.said(Prepare)[0]
     prepare = began[1]
@@ -51,7 +51,7 @@ def every_pe_gets_its_slice() -> None:
 
 
 def a_pe_that_runs_its_slice_already_gets_the_head_alone() -> None:
-    """In the new epoch; a PE that has something new to do gets the body as well."""
+    """In the new epoch such a PE gets only the head; a PE with another slice gets the body as well."""
     manager = ManagerUnderTest(example("n_version")).flies()
     runs = {pe.node: pe.runs for pe in manager.pes.values()}
     began_ns = manager.now_ns
@@ -65,7 +65,7 @@ def a_pe_that_runs_its_slice_already_gets_the_head_alone() -> None:
 
 
 def bodies_take_half_of_the_bus() -> None:
-    """They take half at most: their identifier outranks all data."""
+    """Bodies take at most half of the bus, since their identifier has priority over all data."""
     manager = ManagerUnderTest(example("elevator_and_chute")).flies()
     frames = manager.heard(-1, Command.SLICE)
     demand(len(frames) > 8, "the slices of this test are too short")
@@ -76,7 +76,7 @@ def bodies_take_half_of_the_bus() -> None:
 
 
 def a_pe_that_does_not_stage_is_asked_again() -> None:
-    """After a heartbeat period, then after 2, 4 and 8; with PREPARE for all; given up after 25 periods."""
+    """PREPARE and slice are repeated after a heartbeat period, then after 2, 4 and 8; the PE is given up after 25."""
     manager = ManagerUnderTest().flies()
     lazy = manager.pes["tail_b"]
     lazy.stages = False
@@ -100,7 +100,7 @@ def a_pe_that_does_not_stage_is_asked_again() -> None:
 
 
 def what_is_for_all_pes_is_not_sent_for_each() -> None:
-    """However many PEs are late, and at different times: PREPARE goes out at most once in half a heartbeat period."""
+    """However many PEs are late at different times, PREPARE goes out at most once in half a heartbeat period."""
     manager = ManagerUnderTest()
     for pe in manager.pes.values():
         pe.stages = False
@@ -116,7 +116,7 @@ def what_is_for_all_pes_is_not_sent_for_each() -> None:
 
 
 def a_pe_that_does_not_take_a_step_is_asked_again() -> None:
-    """By ACTIVATE, at the same pace, and by LEASE every period; the PE is failed at last, and planned around."""
+    """ACTIVATE is repeated at the same pace, LEASE every period; at last the manager fails the PE and plans anew."""
     manager = ManagerUnderTest()
     manager.pes["tail_b"].steps = False
     manager.run(450)
@@ -130,7 +130,7 @@ def a_pe_that_does_not_take_a_step_is_asked_again() -> None:
 
 
 def a_pe_that_misses_frames_gets_them_again() -> None:
-    """INCOMPLETE is answered with head and body immediately."""
+    """The manager answers INCOMPLETE with head and body immediately."""
     manager = ManagerUnderTest()
     late = manager.pes["flight"]
     late.stages = False
@@ -148,7 +148,7 @@ def a_pe_that_misses_frames_gets_them_again() -> None:
 
 
 def a_pe_that_refuses_is_failed() -> None:
-    """For each reason that no repetition removes; and for no other."""
+    """The manager fails a PE for each reason that no repetition removes, and for no other reason."""
     for reason, fails in (
         (Reason.DIGEST, True),
         (Reason.UNKNOWN_INDEX, True),
@@ -185,7 +185,7 @@ def an_answer_about_something_else_does_not_count() -> None:
 
 
 def a_change_before_activate_gives_the_number_up() -> None:
-    """The number is given up for ever; nothing of it is sent any more, and the next epoch has a new number."""
+    """The manager never uses that number again and sends nothing more of it; the next epoch has a new number."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].stages = False
     began_ns = _asks_anew(manager)
@@ -202,7 +202,7 @@ def a_change_before_activate_gives_the_number_up() -> None:
 
 
 def what_is_driven_breaks_before_it_makes() -> None:
-    """BREAK where a healthy PE must let go: no PE goes before that one has reported BROKEN."""
+    """Where a healthy PE must let go, BREAK comes first: no PE gets GO before that PE has reported BROKEN."""
     manager = ManagerUnderTest().flies()
     driver, rival = manager.pes["tail_a"], manager.pes["tail_b"]
     driver.steps = False
@@ -222,7 +222,7 @@ def what_is_driven_breaks_before_it_makes() -> None:
 
 
 def what_is_late_frees_nothing() -> None:
-    """A page 0 of the epoch before, forwarded late by a gateway: the PE that drives now still has to break."""
+    """A page 0 of the previous epoch arrives late, through a gateway: the PE that drives now still has to break."""
     for behind in (1, 8):
         manager = ManagerUnderTest().flies()
         driver = manager.pes["tail_b"]
@@ -242,7 +242,7 @@ def what_is_late_frees_nothing() -> None:
 
 
 def a_silent_driver_is_given_t_lease() -> None:
-    """From the first ALIVE that leaves it out, which goes out immediately; all that need not wait goes before."""
+    """T_lease counts from the first ALIVE without the PE, which goes out immediately; other steps do not wait."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].holds = True
     began_ns = _asks_anew(manager, "tail_a")
@@ -258,7 +258,7 @@ def a_silent_driver_is_given_t_lease() -> None:
 
 
 def a_pe_that_a_mastership_has_never_heard_is_given_t_lease() -> None:
-    """From its first ALIVE on, which names the others: the PE may drive what another manager gave it, and hear that."""
+    """T_lease counts from the first ALIVE, which leaves the PE out: a previous manager may have given it an output."""
     manager = ManagerUnderTest()
     for pe in manager.pes.values():
         pe.epoch, pe.digest, pe.state = 16, 1, PeState.ACTIVE
@@ -268,7 +268,7 @@ def a_pe_that_a_mastership_has_never_heard_is_given_t_lease() -> None:
 
 
 def a_pe_that_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
-    """It reports that it runs nothing, and may have taken the epoch up by LEASE since."""
+    """The PE reports that it runs nothing, but it may have taken the epoch up by LEASE since then."""
     before = ManagerUnderTest().flies()
     manager = ManagerUnderTest(disk=before.disk)
     manager.manager.planning = lambda _: None  # no plan comes between
@@ -300,7 +300,7 @@ def an_alive_that_waits_leaves_no_pe_out() -> None:
 
 
 def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
-    """The PEs that are heard run the very plan, in an older epoch: the newer epoch may run on another PE."""
+    """The heard PEs run the same plan in an older epoch: the manager keeps the newer one, which another PE may run."""
     before = ManagerUnderTest().flies()
     older = {name: (pe.epoch, pe.digest, pe.state, pe.runs) for name, pe in before.pes.items()}
     before.pes["tail_a"].speaks = False
@@ -318,7 +318,7 @@ def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
 
 
 def a_pe_that_may_still_accept_another_mastership_is_given_t_lease() -> None:
-    """It runs what is adopted, and has not reported a LEASE since; or it runs what this manager has not commanded."""
+    """It runs the adopted epoch and has reported no LEASE since, or it runs what this manager did not command."""
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     before = ManagerUnderTest().flies()
     for servo in servos:
@@ -357,7 +357,7 @@ def _goes_t_lease_after(manager: ManagerUnderTest, alive_ns: int) -> None:
 
 
 def a_pe_that_repeats_what_it_ran_before_may_drive_what_comes() -> None:
-    """A page 0 that was on its way at ACTIVATE is the last one heard: T_lease for what the PE may take up now."""
+    """The last page 0 heard was on its way at ACTIVATE: the manager waits T_lease for what the PE may take up now."""
     manager = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for servo in servos:
@@ -377,7 +377,7 @@ def a_pe_that_repeats_what_it_ran_before_may_drive_what_comes() -> None:
 
 
 def a_pe_that_sends_and_is_given_up_is_given_t_lease_too() -> None:
-    """Before another PE sends under the identifiers of its modules: it goes on until it hears an ALIVE without it."""
+    """The manager waits before another PE gets its identifiers: the PE sends until it hears an ALIVE without it."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in ("left", "right") if manager.pes[pe].runs[1] > 0)
     manager.pes[host].steps = False
@@ -391,7 +391,7 @@ def a_pe_that_sends_and_is_given_up_is_given_t_lease_too() -> None:
 
 
 def a_jump_of_the_clock_frees_nothing() -> None:
-    """A PE that counts as lost because the manager's clock has jumped sends for as long as if it had not."""
+    """The manager's clock jumps, and a PE counts as lost: the manager waits as long as without the jump."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
     silent_since_ns = manager.run_into_next_period(0)
@@ -410,7 +410,7 @@ def a_jump_of_the_clock_frees_nothing() -> None:
 
 
 def a_pe_that_runs_nothing_any_more_is_not_waited_for() -> None:
-    """A PE that reports so has let go of all that it had, although it is the same incarnation."""
+    """A PE that reports that it runs nothing has released all its outputs, although its incarnation is the same."""
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
     host.state, host.epoch, host.digest, host.steps = PeState.UNCONFIGURED, NO_EPOCH, 0, False
@@ -420,7 +420,7 @@ def a_pe_that_runs_nothing_any_more_is_not_waited_for() -> None:
 
 
 def a_silent_stranger_may_drive_anything_that_could_be_placed_there() -> None:
-    """A PE was available with what another manager gave it, and falls silent before the first epoch: T_lease."""
+    """A PE that was available under another manager falls silent before the first epoch: the manager waits T_lease."""
     manager = ManagerUnderTest()
     stranger = manager.pes["tail_a"]
     stranger.state, stranger.epoch, stranger.digest = PeState.ACTIVE, 40, 0x99
@@ -435,7 +435,7 @@ def a_silent_stranger_may_drive_anything_that_could_be_placed_there() -> None:
 
 
 def a_pe_that_has_let_go_is_not_waited_for() -> None:
-    """A PE that drove once, and has reported since that it runs something else, holds nothing when it falls silent."""
+    """A PE that drove an output, and has since reported another configuration, holds nothing when it falls silent."""
     manager = ManagerUnderTest().flies()
     manager.accept(FailElement("device:elevator_servo_1"))
     manager.run(300)
@@ -450,7 +450,7 @@ def a_pe_that_has_let_go_is_not_waited_for() -> None:
 
 
 def a_pe_that_comes_late_to_what_runs_is_admitted() -> None:
-    """Where it has nothing to do: PREPARE and its slice in the same epoch, and LEASE; the others are not disturbed."""
+    """Where the late PE has nothing to do, it gets PREPARE, its slice and LEASE of the same epoch; other PEs go on."""
     manager = ManagerUnderTest().flies()
     began_ns = _asks_anew(manager, "tail_b")  # which has nothing to do
     manager.run(300)
@@ -468,7 +468,7 @@ def a_pe_that_comes_late_to_what_runs_is_admitted() -> None:
 
 
 def a_pe_that_has_staged_what_was_given_up_gets_a_newer_epoch() -> None:
-    """What runs is the plan again, but the PE that comes late would not go back to it."""
+    """The plan is again what runs, but the late PE has staged a newer number and would not accept the older one."""
     manager = ManagerUnderTest().flies()
     _asks_anew(manager, "tail_b")
     manager.run(300)
@@ -487,7 +487,7 @@ def a_pe_that_has_staged_what_was_given_up_gets_a_newer_epoch() -> None:
 
 
 def a_pe_that_runs_what_no_manager_commanded_is_failed() -> None:
-    """Another epoch, another digest, or nothing any more."""
+    """The manager fails a PE that runs another epoch or another digest, or that runs nothing any more."""
     for change, cause in (
         ({"epoch": 999}, "which no manager commanded"),
         ({"digest": 0x99}, "which no manager commanded"),
@@ -505,7 +505,7 @@ def a_pe_that_runs_what_no_manager_commanded_is_failed() -> None:
 
 
 def a_manager_adopts_what_runs() -> None:
-    """A manager that starts in flight, and plans what runs already, opens no epoch: it repeats the one that runs."""
+    """A manager that starts in flight, and whose plan runs already, opens no epoch: it repeats the one that runs."""
     first = ManagerUnderTest().flies()
     lease = first.lease()
     manager = ManagerUnderTest()
@@ -519,7 +519,7 @@ def a_manager_adopts_what_runs() -> None:
 
 
 def what_is_adopted_is_newest_even_if_the_pes_that_ran_it_are_gone() -> None:
-    """The next PE gets a newer epoch, wherever this manager's own numbers begin."""
+    """A PE that joins gets a newer epoch than the adopted one, wherever this manager's own numbers begin."""
     first = ManagerUnderTest()
     manager = ManagerUnderTest()
     for one in (first, manager):
@@ -538,7 +538,7 @@ def what_is_adopted_is_newest_even_if_the_pes_that_ran_it_are_gone() -> None:
 
 
 def a_manager_adopts_nothing_that_is_not_clean() -> None:
-    """One PE with another digest, in another epoch, or not ACTIVE: a new epoch, newer than all that run."""
+    """One PE has another digest, another epoch, or is not ACTIVE: the manager opens a new epoch, newer than all."""
     first = ManagerUnderTest().flies()
     for change in ({"digest": 0x99}, {"epoch": 4000}, {"state": PeState.BROKEN}):
         manager = ManagerUnderTest()
@@ -553,7 +553,7 @@ def a_manager_adopts_nothing_that_is_not_clean() -> None:
 
 
 def a_pre_planned_fault_is_called_by_its_number() -> None:
-    """Where a PE holds the contingency, PREPARE is all; one that reports NOT_ON_BOARD gets its slice in this epoch."""
+    """Where a PE holds the contingency, PREPARE suffices; a PE that reports NOT_ON_BOARD gets its slice, too."""
     manager = ManagerUnderTest(contingencies=1).flies()
     stubborn = manager.pes["flight"]
     stubborn.stages = False
@@ -571,7 +571,7 @@ def a_pre_planned_fault_is_called_by_its_number() -> None:
 
 
 def epochs_of_a_term_begin_with_its_block() -> None:
-    """Sixteen in a block, every second block; never a number twice."""
+    """A manager uses every second block of sixteen numbers, from the block of its term on, and no number twice."""
     manager = ManagerUnderTest().flies()
     epochs = [manager.lease().epoch]
     for _ in range(18):

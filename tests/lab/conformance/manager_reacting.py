@@ -1,4 +1,4 @@
-"""What a manager does with faults, phases, radios, orders, and a planner that fails (protocol rules 7 to 9)."""
+"""How a manager treats faults, phases, radios, orders, and a planner that fails (protocol rules 7 to 9)."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -39,14 +39,14 @@ _DEVICE, _MODULE, _PHASE = ElementKind.DEVICE, ElementKind.MODULE, ElementKind.P
 
 
 def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> list[tuple[int, Operation, int, int]]:
-    """Its CONTROLs of some kinds: node, operation, a and b."""
+    """Give the manager's CONTROLs of some kinds: node, operation, a and b."""
     return [
         (one.node, one.operation, one.a, one.b) for one in manager.acknowledged(since_ns) if one.operation in operations
     ]
 
 
 def a_fault_is_latched_and_acknowledged() -> None:
-    """Acknowledged with each report; planned around once, until the operator clears it, which is sent to all PEs."""
+    """The manager acknowledges each report, and plans once without the element, until the operator clears it."""
     manager = ManagerUnderTest().flies()
     node, before = manager.pes["tail_a"].node, len(manager.plan_requests())
     for _ in range(3):
@@ -70,7 +70,7 @@ def a_fault_is_latched_and_acknowledged() -> None:
 
 
 def no_plan_is_made_without_the_managers_own_bus() -> None:
-    """A report that it has failed was heard there; a plan without it would stop everything."""
+    """A PE reports on the manager's bus that this bus has failed; a plan without the bus would stop everything."""
     manager = ManagerUnderTest().flies()
     lease = manager.lease()
     own = f"bus:{manager.spec.manager.bus}"
@@ -85,7 +85,7 @@ def no_plan_is_made_without_the_managers_own_bus() -> None:
 
 
 def what_is_no_fault_is_not_latched() -> None:
-    """RESET, a restart of a module, an element that the spec does not have, and bytes without a meaning."""
+    """RESET, a restart of a module, an unknown element, and bytes without a meaning are not latched."""
     manager = ManagerUnderTest().flies()
     before = len(manager.plan_requests())
     for code, kind, index, acknowledged in (
@@ -114,7 +114,7 @@ def what_is_no_fault_is_not_latched() -> None:
 
 
 def a_pe_that_was_failed_stays_out() -> None:
-    """It stays out whatever it sends; cleared, it joins after the shortest hold-down."""
+    """The PE stays out whatever it sends; once it is cleared, it joins after the shortest hold-down."""
     manager = ManagerUnderTest().flies()
     demand(manager.accept(FailElement("pe:tail_b")).done, "a PE cannot be failed")
     again = manager.accept(FailElement("pe:tail_b"))
@@ -132,7 +132,7 @@ def a_pe_that_was_failed_stays_out() -> None:
 
 
 def orders_that_name_nothing_are_refused() -> None:
-    """They are refused with a sentence; no plan is made for them."""
+    """The manager refuses such orders with a sentence, and makes no plan for them."""
     manager = ManagerUnderTest().flies()
     before = len(manager.plan_requests())
     for order in (
@@ -155,7 +155,7 @@ def orders_that_name_nothing_are_refused() -> None:
 
 
 def what_stopped_by_itself_is_started_by_another_epoch() -> None:
-    """A module that its PE has stopped: when it is cleared before a plan without it was made, an epoch follows."""
+    """A PE stopped a module, and it is cleared before a plan without it was made: the manager opens another epoch."""
     manager = ManagerUnderTest(example("n_version")).flies()
     names = list(manager.spec.modules)
     index = names.index("gyro_attitude")
@@ -170,7 +170,7 @@ def what_stopped_by_itself_is_started_by_another_epoch() -> None:
 
 
 def pes_and_the_operator_change_the_phase() -> None:
-    """A request is acknowledged each time and executed once, in order; one that only leads on does not lead back."""
+    """A request is acknowledged each time and executed once, in order; a forward-only one leads to no earlier phase."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     pe = next(iter(manager.pes))
@@ -217,7 +217,7 @@ def pes_and_the_operator_change_the_phase() -> None:
 
 
 def a_pe_of_unknown_incarnation_is_not_answered() -> None:
-    """A request is counted in an incarnation: the PE repeats one that comes between a first page 1 and page 0."""
+    """A request belongs to an incarnation: between a first page 1 and page 0 it is unknown, and the PE must repeat."""
     manager = ManagerUnderTest(example("phases"))
     pe = manager.pes["flight"]
     pe.speaks = False
@@ -234,7 +234,7 @@ def a_pe_of_unknown_incarnation_is_not_answered() -> None:
 
 
 def what_is_cleared_and_fails_again_within_a_beat_is_announced_with_the_next() -> None:
-    """A standby manager has heard CLEAR; the other facts that the manager holds wait."""
+    """A standby manager has heard CLEAR; the other facts to announce wait for their turns."""
     manager = ManagerUnderTest().flies()
     servo = "device:elevator_servo_1"
     for element in (servo, "device:elevator_servo_2", "device:horizon_sensor", "module:servo_driver_2"):
@@ -256,7 +256,7 @@ def what_is_cleared_and_fails_again_within_a_beat_is_announced_with_the_next() -
 
 
 def a_requested_phase_is_announced_before_the_answer() -> None:
-    """Each time, also when the phase comes back within one beat to what it was, or was the same before."""
+    """Each request is announced first, also when the phase is the same, or comes back within one beat."""
     manager = ManagerUnderTest(example("phases")).flies()
     manager.run_into_next_period(15)
     began_ns, pe = manager.now_ns, next(iter(manager.pes))
@@ -271,7 +271,7 @@ def a_requested_phase_is_announced_before_the_answer() -> None:
 
 
 def executed_requests_are_announced_again_with_the_phase() -> None:
-    """For a standby manager that has missed the answer; a request of an incarnation that is gone is not announced."""
+    """A standby manager may have missed the answer; a request of an earlier incarnation is not announced."""
     manager = ManagerUnderTest(example("phases")).flies()
     pe = manager.pes["flight"]
     manager.emergency(pe.name, _PHASE, 1, 5, FaultCode.PHASE_REQUEST)
@@ -286,7 +286,7 @@ def executed_requests_are_announced_again_with_the_phase() -> None:
 
 
 def a_critical_function_that_adoption_leaves_unserved_is_planned_immediately() -> None:
-    """The plan is from before the operator cleared an element; the mastership that knew of that has ended since."""
+    """The adopted plan is older than the operator's CLEAR of an element; the mastership that knew of it has ended."""
     before = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for is_cleared in (False, True):
@@ -303,7 +303,7 @@ def a_critical_function_that_adoption_leaves_unserved_is_planned_immediately() -
 
 
 def a_manager_announces_what_it_holds() -> None:
-    """A new fact with the next beat, then one with every fifth: phase and latched faults, in turn."""
+    """A new fact goes out with the next beat, then one fact with every fifth: phase and latched faults, in turn."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     began_ns = manager.now_ns
@@ -325,7 +325,7 @@ def a_manager_announces_what_it_holds() -> None:
 
 
 def a_request_that_fails_is_made_again() -> None:
-    """After a second, or when the situation changes before that; an answer that comes twice, or late, is dropped."""
+    """The request is made again after a second, or when the situation changes; a second or late answer is dropped."""
     manager = ManagerUnderTest()
     manager.manager.planning = manager.fails
     manager.run_until(1000 * MS)
@@ -354,7 +354,7 @@ def a_request_that_fails_is_made_again() -> None:
 
 
 def an_immediate_plan_is_improved_in_the_background() -> None:
-    """Requested once for each situation, when it runs; taken only if it is better at levels 1 to 3."""
+    """When the immediate plan runs, one better plan is requested; it is taken only if it is better at levels 1 to 3."""
     manager = ManagerUnderTest(example("n_version"))
     best = manager.plans
 
@@ -431,7 +431,7 @@ def _report(manager: ManagerUnderTest, sequence: int, usable: int, *, gone: bool
 
 
 def a_radio_is_planned_with_in_steps() -> None:
-    """The limit falls when two reports in a row are a tenth below, to the step below; it rises after a hold-down."""
+    """The limit falls to a lower step when two reports in a row are a tenth below; it rises after a hold-down."""
     manager = _flying_with_a_radio()
     for number in range(3):
         _report(manager, number, 1000)
@@ -459,7 +459,7 @@ def a_radio_is_planned_with_in_steps() -> None:
 
 
 def a_radio_that_gets_better_is_used_after_a_hold_down() -> None:
-    """Ten periods of the radio, doubled with each fall, fourfold at most; to the least that was reported meanwhile."""
+    """After ten periods of the radio (up to forty after falls) the limit is the least share reported meanwhile."""
     manager = _flying_with_a_radio()
     sequence = 0
     period_ms = manager.spec.buses["radio"].heartbeat_ns // MS
@@ -480,7 +480,7 @@ def a_radio_that_gets_better_is_used_after_a_hold_down() -> None:
 
 
 def a_radio_that_is_gone_takes_the_pes_beyond() -> None:
-    """Immediately; once it is back, each report sets the step directly until a PE beyond is available again."""
+    """The PEs beyond are lost immediately; once the radio is back, each report sets the step until one is available."""
     manager = _flying_with_a_radio()
     for number in range(3):
         _report(manager, number, 1000)
@@ -504,7 +504,7 @@ def a_radio_that_is_gone_takes_the_pes_beyond() -> None:
 
 
 def reports_that_are_old_or_of_others_do_not_count() -> None:
-    """A sequence up to eight behind is late; another node is not the gateway of this radio."""
+    """A report up to eight numbers behind is late; a node that is not the radio's gateway does not count."""
     manager = _flying_with_a_radio()
     for number in range(20, 23):
         _report(manager, number, 1000)
@@ -522,7 +522,7 @@ def reports_that_are_old_or_of_others_do_not_count() -> None:
 
 
 def what_the_journal_reports_is_passed_on() -> None:
-    """What the driver reports of the journal makes an event, and is in the status."""
+    """The driver's reports about the journal become an event and appear in the status."""
     manager = ManagerUnderTest().flies()
     for problem in ("the disk is full", None):
         manager.manager.tell(JournalTold(problem))
@@ -541,7 +541,7 @@ def what_the_journal_reports_is_passed_on() -> None:
 
 
 def an_advising_manager_sends_nothing() -> None:
-    """It never sends on the bus; it tells what it would do, and follows what is done."""
+    """The advising manager never sends on the bus; it reports what it would do, and follows what is done."""
     manager = ManagerUnderTest(advise=True)
     manager.run(1000)
     equal(manager.main.heard, [], "frames of a manager that advises")
@@ -562,7 +562,7 @@ def an_advising_manager_sends_nothing() -> None:
 
 
 def an_advising_manager_waits_for_no_answer() -> None:
-    """Where no manager is active, a PE that has restarted is not asked, and not given up for that."""
+    """Without an active manager, a restarted PE is not requested to do anything, and is not given up for that."""
     active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
     for name, ran in active_manager.pes.items():
@@ -574,7 +574,7 @@ def an_advising_manager_waits_for_no_answer() -> None:
 
 
 def commands_keep_their_order() -> None:
-    """A turn's frames go out in order: LEASE, then ALIVE; and every frame has an identifier of the manager's own."""
+    """A beat's frames go out in order, LEASE before ALIVE; and every frame has an identifier of the manager."""
     manager = ManagerUnderTest().flies()
     own = {management_id(126, command) for command in Command} | {1792 + 126}
     equal({one.frame.can_id for one in manager.main.heard} - own, set(), "identifiers that are not its own")

@@ -1,4 +1,4 @@
-"""A standby manager, and one with a key: which manager it follows, what it believes (protocol rules 7 and 11)."""
+"""A standby manager, and a manager with a key: which manager it follows, what it believes (protocol rules 7 and 11)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,7 +48,7 @@ _LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a c
 
 
 class _ActiveManager:
-    """Another manager, 126, that is active in term 1 while the one under test, 127, stands by."""
+    """The other manager, 126, which is active in term 1 while manager 127, which is under test, stands by."""
 
     def __init__(self, manager: ManagerUnderTest) -> None:
         self.speaks, self.has_available = True, _ALL
@@ -78,7 +78,7 @@ def _standing_by() -> tuple[ManagerUnderTest, _ActiveManager]:
 
 
 def _its_mastership_ends(manager: ManagerUnderTest, active_manager: _ActiveManager, after_ms: int) -> None:
-    """Let the other manager fall silent, and the PEs hear again the one that takes over; then let time pass."""
+    """Let the other manager fall silent, and the PEs hear the manager that takes over; then let time pass."""
     active_manager.speaks = False
     for pe in manager.pes.values():
         pe.hears = False
@@ -89,7 +89,7 @@ def _its_mastership_ends(manager: ManagerUnderTest, active_manager: _ActiveManag
 
 
 def a_standby_takes_over_when_the_pes_hear_no_manager() -> None:
-    """The lease has expired, and more than half of the available PEs report that they hear none; in its next term."""
+    """The lease has expired, and most available PEs report that they hear none; the standby begins its next term."""
     manager, active_manager = _standing_by()
     active_manager.speaks = False
     leased_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
@@ -108,7 +108,7 @@ def a_standby_takes_over_when_the_pes_hear_no_manager() -> None:
 
 
 def a_standby_waits_for_the_lease_to_expire() -> None:
-    """T_lease after the last one that it has heard, whatever the PEs report."""
+    """The standby manager waits T_lease after the last LEASE that it has heard, whatever the PEs report."""
     manager, active_manager = _standing_by()
     active_manager.speaks = False
     last_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
@@ -122,7 +122,7 @@ def a_standby_waits_for_the_lease_to_expire() -> None:
 
 
 def only_reports_of_available_pes_count() -> None:
-    """And only those within T_lease."""
+    """Only reports of the last T_lease count."""
     manager, active_manager = _standing_by()
     active_manager.has_available = frozenset((92,))
     manager.run(50)
@@ -142,7 +142,7 @@ def only_reports_of_available_pes_count() -> None:
 
 
 def half_of_those_available_are_not_most() -> None:
-    """Of two PEs one hears no manager, and reports it for long."""
+    """Of two PEs one hears no manager, and reports it for long: no take-over."""
     manager, active_manager = _standing_by()
     active_manager.has_available = frozenset((92, 93))
     manager.run(50)
@@ -153,7 +153,7 @@ def half_of_those_available_are_not_most() -> None:
 
 
 def _knowing_a_higher_term() -> ManagerUnderTest:
-    """Let 127 stand by, with term 8 in its journal."""
+    """Let manager 127 stand by, with term 8 in its journal."""
     return ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
 
 
@@ -186,7 +186,7 @@ def a_term_that_is_behind_ends_if_a_pe_refuses_it() -> None:
 
 
 def where_nobody_is_active_127_lets_126_go_first() -> None:
-    """For the start-up window; then the reports of the PEs that are heard count."""
+    """Manager 127 waits for the start-up window; then it counts the reports of the PEs that are heard."""
     manager = ManagerUnderTest(node=127, standby=True)
     for pe in manager.pes.values():
         pe.hears = False
@@ -200,7 +200,7 @@ def where_nobody_is_active_127_lets_126_go_first() -> None:
 
 
 def a_deposed_manager_is_not_believed() -> None:
-    """While the one that deposed it sends."""
+    """Its commands do not count while the manager that deposed it sends."""
     manager, active_manager = _standing_by()
     active_manager.lease = replace(active_manager.lease, term=3)
     manager.run(50)
@@ -228,7 +228,7 @@ def a_deposed_manager_is_not_believed() -> None:
 
 
 def what_is_held_no_more_is_cleared() -> None:
-    """After a missed CLEAR: a fault that was not announced for three turns ends; one that is announced stays."""
+    """After a missed CLEAR, a fault that is not announced for three turns ends; an announced fault stays."""
     manager, _ = _standing_by()
     manager.main.command(*(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, index) for index in (1, 2)), manager=126)
     manager.run(20)
@@ -244,7 +244,7 @@ def what_is_held_no_more_is_cleared() -> None:
 
 
 def a_request_that_another_manager_has_executed_is_not_executed_again() -> None:
-    """The standby has heard the answer; the operator may have gone back since. A later request counts."""
+    """The standby has heard the answer, and the operator may have gone back since. Only a later request counts."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
     active_manager = _ActiveManager(manager)
     active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
@@ -270,7 +270,7 @@ def a_request_that_another_manager_has_executed_is_not_executed_again() -> None:
 
 
 def an_answer_counts_right_behind_the_phase_alone() -> None:
-    """The standby has missed which phase was entered, and hears that the request was executed: it still executes it."""
+    """The standby missed which phase was entered, but hears that the request was executed: it executes it, too."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
     active_manager = _ActiveManager(manager)
     active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
@@ -292,7 +292,7 @@ def an_answer_counts_right_behind_the_phase_alone() -> None:
 
 
 def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_executed() -> None:
-    """No PE has proven its incarnation to the standby: an unproven one is enough for that."""
+    """No PE has proven its incarnation to the standby manager: here an unproven incarnation suffices."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True, key=KEY)
     manager.main.sign = CommandSigner(KEY, 126, 1).tag
     provers = _provers(manager)
@@ -321,7 +321,7 @@ def a_standby_that_came_late_to_a_keyed_mastership_knows_which_requests_were_exe
 
 
 def with_a_key_only_a_manager_with_the_key_says_what_runs() -> None:
-    """Any node can compute a digest: what is remembered to run was sent by a manager that has the key."""
+    """Any node can compute a digest, so the manager remembers as running only what a manager with the key has sent."""
     first = ManagerUnderTest(key=KEY)
     _provers(first)
     first.flies()
@@ -341,7 +341,7 @@ def with_a_key_only_a_manager_with_the_key_says_what_runs() -> None:
 
 
 def a_pe_that_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
-    """PREPARE of the epoch that runs is sent again for that PE, while the next one is being prepared."""
+    """PREPARE of the running epoch is sent again for that PE while the next epoch is being prepared."""
     first = ManagerUnderTest().flies()
     began = first.said(Prepare)[0][1]
     since_ns = first.now_ns
@@ -359,7 +359,7 @@ def a_pe_that_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
 
 
 def what_was_overheard_is_adopted() -> None:
-    """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
+    """The standby has overheard the slices and the phase: after a take-over no PREPARE is needed."""
     first = ManagerUnderTest(example("phases")).flies()
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
     active_manager = _ActiveManager(manager)
@@ -377,7 +377,7 @@ def what_was_overheard_is_adopted() -> None:
 
 
 def what_was_called_by_its_number_is_adopted() -> None:
-    """Where the number means the configuration of that digest: no slice has to be overheard."""
+    """Where the number means the configuration of that digest, the standby needs to overhear no slice."""
     first = ManagerUnderTest(contingencies=1).flies()
     first.pes["tail_a"].speaks = False
     called_ns = first.run(300)
@@ -407,7 +407,7 @@ def _adopts(manager: ManagerUnderTest, active_manager: _ActiveManager, first: Ma
 
 
 def an_inherited_pe_may_drive_anything() -> None:
-    """It was available to the previous manager to the last; this manager has not counted what it took up then."""
+    """The previous manager had the PE available to the end; this manager does not know what the PE took up then."""
     manager, active_manager = _standing_by()
     driver = manager.pes["tail_a"]
     for pe in manager.pes.values():
@@ -438,7 +438,7 @@ def an_inherited_pe_may_drive_anything() -> None:
 
 
 def what_is_no_configuration_is_not_remembered() -> None:
-    """Slices with the digest that was announced, and nothing in them that this spec has, are not remembered."""
+    """Slices with the announced digest that name nothing of this spec are not remembered."""
     manager, active_manager = _standing_by()
     body = b"\x01\x7f\x00"
     digest = slice_digest(manager.spec.digest, body)
@@ -456,7 +456,7 @@ def what_is_no_configuration_is_not_remembered() -> None:
 
 
 def the_active_manager_stands_by_before_a_higher_term() -> None:
-    """It forgets what it planned, reports that, and takes over again when the other manager is gone."""
+    """The manager drops its plans, reports that it stands by, and takes over when the other manager is gone."""
     manager = ManagerUnderTest(standby=True).flies()
     manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=127)
     manager.run(5)
@@ -475,7 +475,7 @@ def the_active_manager_stands_by_before_a_higher_term() -> None:
 
 
 class _KeyedPe:
-    """Lets a played PE prove its states, as soon as it was welcomed."""
+    """Lets a played PE prove its states, from its welcome on."""
 
     def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
         self.states = ProvenStates(pe.node, KEY)
@@ -513,7 +513,7 @@ def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
 
 
 def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
-    """Give its PEs the key, too."""
+    """Give the PEs of the manager the key."""
     provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
     plain = manager.main.hears
 
@@ -531,7 +531,7 @@ def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
 
 
 def every_command_is_tagged() -> None:
-    """With its number in this term, from 0 on, by the key; a WELCOME with the nonce that it answers."""
+    """A command has a tag by the key, with its number in this term, from 0 on; WELCOME has the nonce it answers."""
     manager, _ = _keyed()
     manager.run(800)
     demand(bool(manager.told("reconfigured")), "with a key nothing is deployed")
@@ -550,7 +550,7 @@ def every_command_is_tagged() -> None:
 
 
 def a_state_counts_when_it_is_proven() -> None:
-    """An unproven state counts as silence; a PE that is heard and not believed for T_lease is told to begin anew."""
+    """An unproven state counts as silence; after T_lease without a proven state the PE is told to begin anew."""
     manager, provers = _keyed()
     manager.run(800)
     equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "available PEs")
@@ -569,7 +569,7 @@ def a_state_counts_when_it_is_proven() -> None:
 
 
 def a_nonce_is_answered_once_in_a_period() -> None:
-    """However often it is sent; and the nonce 0 never."""
+    """A nonce is answered once in a period, however often it is sent; the nonce 0 is never answered."""
     manager, provers = _keyed()
     provers["tail_b"].asks = False
     manager.run(300)
@@ -584,7 +584,7 @@ def a_nonce_is_answered_once_in_a_period() -> None:
 
 
 def an_emergency_counts_when_it_is_proven() -> None:
-    """By the next page 0 with FAULT_PENDING; without that it counts for nothing."""
+    """An EMCY is proven by the next page 0 with FAULT_PENDING, and has no effect without it."""
     manager, provers = _keyed()
     manager.run(800)
     said = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 3).encode()
@@ -620,7 +620,7 @@ def a_page_1_counts_when_it_is_proven() -> None:
 
 
 def a_pe_whose_tags_are_guessed_at_needs_two_states_in_a_row() -> None:
-    """After eight wrong tags a true state counts only right after another true one."""
+    """After eight wrong tags a true state counts only right after another true state."""
     manager, _ = _keyed()
     manager.run(800)
     page = manager.pes["tail_b"].page_0()
@@ -638,7 +638,7 @@ def a_pe_whose_tags_are_guessed_at_needs_two_states_in_a_row() -> None:
 
 
 def guesses_are_counted_and_forgiven() -> None:
-    """Seven change nothing; after eight, for 256 periods, a true state counts at most two numbers after another."""
+    """Seven wrong tags change nothing; after eight, a true state counts only near another one, for 256 periods."""
     for guesses, periods, stride, lost in (
         (7, 0, 3, []),
         (8, 0, 2, []),
@@ -660,7 +660,7 @@ def guesses_are_counted_and_forgiven() -> None:
 
 
 def a_pe_that_was_available_and_dies_unproven_is_not_waited_for() -> None:
-    """ALIVE names a PE that was available to the previous manager until it has proven itself, or has fallen silent."""
+    """ALIVE names a PE that was available to the previous manager until the PE has proven itself or falls silent."""
     manager, provers, _ = _takes_over_from_a_keyed_mastership(silent=())
     manager.run(25)
     equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "named at first")
@@ -683,7 +683,7 @@ def a_pe_that_was_available_and_dies_unproven_is_not_waited_for() -> None:
 
 
 def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
-    """Demand that tail_b was given up when it had been silent since a moment, for as long as it may."""
+    """Demand that tail_b was given up when it had been silent since a moment for as long as allowed."""
     (absent,) = manager.told("pe_absent")
     told = absent["pe"], absent["cause"]
     equal(told, ("tail_b", "not heard any more, before it could be believed"), "PEs that are absent")
@@ -694,7 +694,7 @@ def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
 def _takes_over_from_a_keyed_mastership(
     silent: Sequence[str],
 ) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
-    """Let 127 take over when no PE has proven anything to it, and some are silent; gives the moment of that."""
+    """Let 127 take over when no PE has proven a state to it, and some PEs are silent; gives the moment."""
     manager = ManagerUnderTest(node=127, standby=True, key=KEY)
     signer = CommandSigner(KEY, 126, 1)
     manager.main.sign = signer.tag
@@ -711,7 +711,7 @@ def _takes_over_from_a_keyed_mastership(
 
 
 def the_lock_is_opened_by_order() -> None:
-    """UNLOCK names one PE, for half a minute."""
+    """UNLOCK names one PE, and opens its lock for half a minute."""
     manager, _ = _keyed()
     manager.run(800)
     began_ns = manager.now_ns
@@ -723,7 +723,7 @@ def the_lock_is_opened_by_order() -> None:
 
 
 def what_a_pe_refuses_is_reported() -> None:
-    """An event once a second while the count rises, and in the status; a lower count is a restart, and makes none."""
+    """An event comes once a second while the count rises; the status has the count. A lower count means a restart."""
     manager, _ = _keyed()
     manager.run(800)
 
@@ -745,7 +745,7 @@ def what_a_pe_refuses_is_reported() -> None:
 
 
 def lost_states_cost_nothing() -> None:
-    """While no tags are guessed, the next state counts, however many were lost before it."""
+    """While no tags are guessed, the next state counts, however many states were lost before it."""
     manager, provers = _keyed()
     manager.run(800)
     provers["tail_b"].stride = 7
@@ -754,7 +754,7 @@ def lost_states_cost_nothing() -> None:
 
 
 def a_replay_of_its_own_frames_is_no_other_manager() -> None:
-    """Its own LEASE, recorded and replayed, does not end its mastership; that of a double with a higher number does."""
+    """A replay of the manager's LEASE does not end its mastership; a LEASE of a double with a higher number does."""
     manager, _ = _keyed()
     manager.run(800)
     leases = [one.frame for one in manager.main.heard if one.frame.can_id == 200]
@@ -781,7 +781,7 @@ def a_replay_of_its_own_frames_is_no_other_manager() -> None:
 
 
 def an_advising_manager_follows_no_more_than_is_known() -> None:
-    """An epoch that was advised, and is replaced by an unknown one, is not what runs."""
+    """When an unknown epoch replaces an advised one, the advised one does not count as running."""
     active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
     for name, ran in active_manager.pes.items():
@@ -799,7 +799,7 @@ def an_advising_manager_follows_no_more_than_is_known() -> None:
 
 
 def an_advising_manager_that_was_started_late_reports_what_it_does_not_know() -> None:
-    """It hears what is held before it advises; it has missed what runs, until the next epoch."""
+    """The manager hears what is held before it advises; it does not know what runs, until the next epoch."""
     first = ManagerUnderTest().flies()
     manager = ManagerUnderTest(node=127, advise=True)
     active_manager = _ActiveManager(manager)

@@ -1,4 +1,4 @@
-"""What a manager reports in its status and events, what it gives its PEs, and what it remembers over a restart."""
+"""A manager's status and events, the tables and slices for its PEs, and what it remembers over a restart."""
 
 from collections import Counter
 from typing import Any
@@ -29,7 +29,7 @@ def _status(manager: ManagerUnderTest) -> dict[str, Any]:
 
 
 def the_status_tells_of_pes_faults_functions_and_buses() -> None:
-    """Every PE, what is latched, what is served, and what is planned."""
+    """The status has every PE, the latched faults, the served functions, and the planned load of the buses."""
     manager = ManagerUnderTest()
     manager.run(50)
     early = _status(manager)
@@ -67,7 +67,7 @@ def the_status_tells_of_pes_faults_functions_and_buses() -> None:
 
 
 def the_status_tells_of_radios_and_phases() -> None:
-    """What a gateway reports; which phases no PE watches."""
+    """The status has the reports of gateways, and the phases that no running module requests."""
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
     unheard = _status(manager)["links"]["radio"]
@@ -81,7 +81,7 @@ def the_status_tells_of_radios_and_phases() -> None:
 
 
 def a_lost_channel_is_reported() -> None:
-    """Once, until it is back, or until no node has reported it for three and a half seconds."""
+    """It is reported once, until it is back, or until no node has reported it for three and a half seconds."""
     manager = ManagerUnderTest(example("replicated_bus"))
     pe = next(iter(manager.pes))
     manager.run(50)
@@ -118,7 +118,7 @@ def a_lost_channel_is_reported() -> None:
 
 
 def a_restart_goes_on_with_what_runs() -> None:
-    """Where the PEs run what the journal has: adopted, with phase, faults and quarantines; no PREPARE, no epoch."""
+    """Where the PEs run the journal's configuration, it is adopted, with phase, faults and quarantines: no PREPARE."""
     first = ManagerUnderTest().flies()
     first.emergency("tail_b", ElementKind.DEVICE, 2, 1)  # the servo that is not used
     first.run(300)
@@ -154,12 +154,12 @@ def a_restart_goes_on_with_what_runs() -> None:
 
 
 def _copy(manager: ManagerUnderTest) -> Disk:
-    """Give what is on a manager's disk."""
+    """Copy the disk of a manager."""
     return Disk(manager.spec, manager.disk.data)
 
 
 def a_restart_believes_no_damaged_line() -> None:
-    """A line whose checksum is wrong, or that is no JSON, counts as never written."""
+    """A line whose checksum is wrong, or that is no JSON, has no effect."""
     first = ManagerUnderTest().flies()
     first.emergency("tail_b", ElementKind.DEVICE, 2, 1)
     first.run(300)
@@ -194,7 +194,7 @@ def a_restart_remembers_the_phase_and_the_failed_pes() -> None:
 
 
 def what_is_cleared_at_a_restart_is_started() -> None:
-    """A module that its PE has stopped, cleared while the new mastership still waits for a PE: an epoch follows."""
+    """The new mastership still waits for a PE when a stopped module is cleared: an epoch follows, which starts it."""
     first = ManagerUnderTest(example("radio_link"))
     first.run(1500)
     running = best_plan(first.spec, Situation(), None).configuration.modules
@@ -218,7 +218,7 @@ def what_is_cleared_at_a_restart_is_started() -> None:
 
 
 def a_restart_remembers_what_was_cleared() -> None:
-    """A fault that was cleared before the restart is none after it; nor is a quarantine that is over."""
+    """A fault or a quarantine that was cleared before the restart stays cleared."""
     first = ManagerUnderTest().flies()
     first.accept(FailElement("device:elevator_servo_2"))
     first.run(100)
@@ -236,7 +236,7 @@ def a_restart_remembers_what_was_cleared() -> None:
 
 
 def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
-    """Where what runs fits the new share no plan is requested; where it does not, one is."""
+    """Where the running plan fits the radio's new share, no plan is requested; else one is."""
     manager = ManagerUnderTest(example("radio_link"))
     manager.run(1500)
     before = len(manager.plan_requests())
@@ -254,7 +254,7 @@ def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
 
 
 def tables_hold_what_the_spec_says() -> None:
-    """Of every PE of every example: where it is, what may run there, and under which identifiers."""
+    """The tables of all PEs of every example: modules, places and identifiers are those of the spec."""
     for name in ("demux_actuators", "radio_link", "n_version", "replicated_bus", "phases", "elevator_and_chute"):
         spec = example(name)
         for pe in spec.pes:
@@ -316,7 +316,7 @@ def _verify_table(spec: Spec, pe: str) -> None:
 
 
 def slices_bring_a_source_to_every_reader_once() -> None:
-    """From its producer over the gateways on the way; no bus carries it twice, and none that leads to no reader."""
+    """Slices lead a source from its producer over gateways; no bus carries it twice, or without a reader behind it."""
     for name in ("radio_link", "n_version", "big_blue"):
         spec = example(name)
         slices = _slices(spec)
@@ -337,7 +337,7 @@ def slices_bring_a_source_to_every_reader_once() -> None:
 
 
 def _slices(spec: Spec) -> dict[str, Slice]:
-    """What each PE gets where nothing is down."""
+    """Give the slice of each PE where nothing is down."""
     compiler = Compiler(spec)
     bodies = compiler.configuration(best_plan(spec, Situation(), None).configuration).slices
     found = {}
@@ -353,7 +353,7 @@ def _buses(spec: Spec, pe: str, mask: int) -> list[str]:
 
 
 def events_tell_the_course_of_a_reconfiguration() -> None:
-    """From the loss on, in order, with its causes and times."""
+    """From the loss on, the events come in order, with their causes and times."""
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].speaks = False  # it runs nothing, so its loss causes nothing that comes later
     manager.run(300)

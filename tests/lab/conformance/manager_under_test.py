@@ -1,6 +1,6 @@
-"""One real manager, and its PEs played by the test: they send, stage, take steps and answer, until told otherwise.
+"""One real manager; the test plays its PEs: they send, stage, take steps and answer, until the test changes that.
 
-The test decides what the manager's planner answers, and when (`planning`): immediately and rightly by default.
+The test decides what the manager's planner answers, and when (`planning`): by default the right answer, immediately.
 """
 
 from collections.abc import Callable, Mapping
@@ -56,7 +56,7 @@ def example(name: str) -> Spec:
 
 @dataclass(eq=False)
 class PlayedPe:
-    """A PE that does what it should, as far as the test lets it."""
+    """A PE that behaves correctly, unless the test changes that."""
 
     name: str
     node: int
@@ -80,13 +80,13 @@ class PlayedPe:
     _staged: tuple[int, int] = (NO_EPOCH, 0)
 
     def beat(self) -> None:
-        """Send its page 0."""
+        """Send the page 0 of this PE."""
         if self.speaks:
             self.say(Frame(state_id(self.node), self.page_0().encode()))
             self.sequence = (self.sequence + 1) % 256
 
     def page_0(self) -> StatePage0:
-        """Give the page 0 that it sends."""
+        """Give the page 0 that this PE sends now."""
         flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
         return StatePage0(self.state, flags, self.incarnation, self.epoch, self.sequence, self.digest)
 
@@ -108,7 +108,7 @@ class PlayedPe:
         self.epoch, self.digest, self.state, self.runs = other.epoch, other.digest, other.state, other.runs
 
     def take(self, message: ManagementMessage) -> None:
-        """Take a command."""
+        """Execute a command of the manager."""
         match message:
             case Prepare():
                 self._take_prepare(message)
@@ -164,7 +164,7 @@ class PlayedPe:
 
 
 class _PlayedPlanner(PlanningDriver):
-    """One planner behind the policy, which does what the test decides."""
+    """One planner behind the policy, which gives the answers that the test sets."""
 
     def __init__(self, manager: "_Manager", clock: Clock, spec: Spec) -> None:
         super().__init__(clock, spec, Planners.BEST, None, decide_ns=lambda: MS, tell=manager.tell)
@@ -178,7 +178,7 @@ class _PlayedPlanner(PlanningDriver):
 
 
 class _Manager(SimulatedManager):
-    """A manager whose planner does what the test decides."""
+    """A manager whose planner gives the answers that the test sets."""
 
     planning: Callable[[RequestPlan], PlanReady | PlanFailed | None]
     plan_requests: list[RequestPlan]
@@ -278,26 +278,26 @@ class ManagerUnderTest(UnderTest):
     # What it sends
 
     def said(self, kind: type[ManagementMessage], since_ns: int = -1) -> list[tuple[int, Any]]:
-        """Its commands of a kind, with their times, in nanoseconds."""
+        """Give the manager's commands of a kind, with their times, in nanoseconds."""
         return [(t_ns, message) for t_ns, message in self.hears if isinstance(message, kind) and t_ns > since_ns]
 
     def told(self, event: str, since_ns: int = -1) -> list[dict[str, Any]]:
-        """Its events of a kind."""
+        """Give the manager's events of a kind."""
         return [one for one in self.events if one["event"] == event and one["t_ns"] > since_ns]
 
     def has_available(self) -> set[str]:
-        """PEs that its last ALIVE names."""
+        """Give the PEs that the manager's last ALIVE names."""
         nodes = self.said(Alive)[-1][1].nodes
         return {pe.name for pe in self.pes.values() if pe.node in nodes}
 
     def lease(self) -> Lease:
-        """Its last LEASE."""
+        """Give the manager's last LEASE."""
         lease = self.said(Lease)[-1][1]
         assert isinstance(lease, Lease)
         return lease
 
     def plan_requests(self, since: int = 0) -> list[RequestPlan]:
-        """The requests that its planner got."""
+        """Give the requests to the manager's planner."""
         return self.manager.plan_requests[since:]
 
     def accept(self, order: Order) -> Reply:
@@ -307,7 +307,7 @@ class ManagerUnderTest(UnderTest):
         return reply
 
     def heard(self, since_ns: int, *commands: Command) -> list[Heard]:
-        """Frames of commands, with their times, in nanoseconds."""
+        """Give the manager's command frames, with their times, in nanoseconds."""
         return self.main.since(since_ns, [management_id(self.node, command) for command in commands])
 
     # What others send
@@ -318,11 +318,11 @@ class ManagerUnderTest(UnderTest):
         self.main.say(Frame(emcy_id(self.pes[pe].node), said.encode()))
 
     def acknowledged(self, since_ns: int) -> list[Control]:
-        """Its CONTROLs."""
+        """Give the manager's CONTROLs."""
         return [message for _, message in self.said(Control, since_ns)]
 
     def until(self, holds: Callable[[], bool], within_ms: float, what: str) -> int:
-        """Let time pass until something holds; gives the moment, in nanoseconds."""
+        """Let time pass until a condition holds; gives the moment, in nanoseconds."""
         end_ns = self.now_ns + round(within_ms * MS)
         while not holds():
             demand(self.now_ns < end_ns, f"within {within_ms} ms {what}")
@@ -331,7 +331,7 @@ class ManagerUnderTest(UnderTest):
 
 
 def remembering(spec: Spec, memory: Memory = NOTHING) -> Disk:
-    """A disk on which a manager finds this memory."""
+    """Give a disk on which a manager finds this memory."""
     disk = Disk(spec)
     for record in memory.records():
         disk.write(record, 0)

@@ -13,7 +13,7 @@ _EPOCH, _DIGEST = 17, 0x111111
 
 
 def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
-    """Tell whether a PING of this term is answered by a page 0."""
+    """Tell whether the PE answers a PING of this term with a page 0."""
     began_ns = pe.run_into_next_period(8)
     pe.main.command(Ping(term, NODE, 0), manager=manager)
     pe.run(3)
@@ -21,7 +21,7 @@ def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
 
 
 def the_highest_term_is_accepted() -> None:
-    """From 1 to 4095; a lower one no more; the same term of another manager never."""
+    """Terms from 1 to 4095 are accepted; then no lower term, and never the same term of another manager."""
     pe = PeUnderTest()
     pe.run(10)
     answered = [
@@ -34,7 +34,7 @@ def the_highest_term_is_accepted() -> None:
 
 
 def a_deposed_manager_is_told_once() -> None:
-    """The PE reports STALE_TERM in page 1, the first time only; the next true PREPARE clears it."""
+    """The PE reports STALE_TERM in page 1 the first time only; the next true PREPARE clears it."""
     pe = PeUnderTest().attended()
     pe.run(7)
     for told in (True, False, False):
@@ -49,7 +49,7 @@ def a_deposed_manager_is_told_once() -> None:
 
 
 def a_stale_term_is_not_reported_before_the_first_manager() -> None:
-    """A PE without a manager so far reports no STALE_TERM, nor does a PE while it collects a slice."""
+    """A PE without a manager so far reports no STALE_TERM, nor does a PE that collects a slice."""
     pe = PeUnderTest()
     pe.run(7)
     began_ns = pe.now_ns
@@ -69,7 +69,7 @@ def a_stale_term_is_not_reported_before_the_first_manager() -> None:
 
 
 def a_new_term_goes_on_where_the_old_one_was() -> None:
-    """An epoch that was staged in one term can be activated in the next; ALIVE of the old term is refused then."""
+    """An epoch that was staged in one term can be activated in the next; then ALIVE of the old term is refused."""
     pe = PeUnderTest().attended().flies()
     pe.term, pe.manager = 6, LAST_MANAGER
     pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST)
@@ -120,7 +120,7 @@ def other_people_s_frames_are_no_commands() -> None:
 
 
 def a_lease_is_heard_for_t_lease_after_a_pause_too() -> None:
-    """A frame that waited while the processor stood still keeps its age."""
+    """A frame that waited while the processor stood still keeps its age: T_lease counts from its arrival."""
     pe = PeUnderTest().attended()
     pe.run(5)
     pe.lease = None

@@ -1,4 +1,4 @@
-"""A PE without a manager (protocol rule 7): it keeps its modules, or lets the expendable ones rest."""
+"""A PE without a manager (protocol rule 7): it keeps its modules, or stops the expendable ones."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def _flying() -> PeUnderTest:
 
 
 def it_keeps_what_it_runs() -> None:
-    """With `keep` no module rests, for any time without an active manager; the state says that no lease is heard."""
+    """With `keep` no module stops, however long no manager is active; the state reports that no LEASE is heard."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies()
@@ -45,7 +45,7 @@ def it_keeps_what_it_runs() -> None:
 
 
 def what_is_expendable_rests_after_t_lease() -> None:
-    """Not earlier; the PE reports the same state, and another load."""
+    """Expendable modules stop after T_lease and not earlier; the PE reports the same state, and another load."""
     pe = _flying()
     leased_ns = pe.now_ns // PERIOD_NS * PERIOD_NS
     pe.lease = pe.alive = None
@@ -61,7 +61,7 @@ def what_is_expendable_rests_after_t_lease() -> None:
 
 
 def what_rests_starts_when_it_is_named_again() -> None:
-    """By a LEASE that names this very configuration, of whatever term; by no other LEASE."""
+    """Stopped modules start with a LEASE of any term that names this very configuration, and with no other LEASE."""
     pe = _flying()
     pe.lease = pe.alive = None
     began_ns = pe.run(300)
@@ -81,7 +81,7 @@ def what_rests_starts_when_it_is_named_again() -> None:
 
 
 def what_was_cleared_rests_with_the_others() -> None:
-    """A module that has failed and was cleared is expendable still: a new term that names nothing starts none."""
+    """A module that failed and was cleared is still expendable: a new term that names no configuration starts none."""
     pe = PeUnderTest(replace(TABLE, without_manager="safe_mode")).attended()
     puppets.behave_normally()
     pe.flies(replace(EVERYTHING, expendable=frozenset((HELPER, LAMP))))
@@ -107,7 +107,7 @@ def what_was_cleared_rests_with_the_others() -> None:
 
 
 def a_new_configuration_starts_what_it_wants() -> None:
-    """It starts modules that rested in the previous one, too; a module that rests at BREAK is stopped."""
+    """A new configuration also starts modules that stopped because no manager was active."""
     pe = _flying()
     kept = pe.lease, pe.alive
     pe.lease = pe.alive = None
@@ -120,7 +120,7 @@ def a_new_configuration_starts_what_it_wants() -> None:
 
 
 def it_rests_again() -> None:
-    """As often as the manager is lost."""
+    """Expendable modules stop again, each time that the manager is lost."""
     pe = _flying()
     lease = pe.lease
     for _ in range(2):

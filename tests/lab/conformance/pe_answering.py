@@ -39,7 +39,7 @@ _REFUSED, _BUSY = "30 00 09 06", "22 00 00 08"
 
 
 def _asks(pe: PeUnderTest, service: Service | int, node: int, kind: DataType, value: Value = None) -> int:
-    """Send a request in the quiet part of a period; gives its time."""
+    """Send a request in the quiet part of a period; gives the time of the request."""
     pe.run_into_next_period(5)
     pe.main.say(encode_service(request(service, node, data_type=kind, value=value, message_code=9)))
     return pe.now_ns
@@ -56,7 +56,7 @@ def _answers(pe: PeUnderTest, since_ns: int) -> list[tuple[int, ServiceMessage]]
 
 
 def it_answers_an_identification_request() -> None:
-    """Immediately to a request to it alone, at its place to one to all nodes, not at all to one to another node."""
+    """It answers a request to itself immediately, one to all nodes at its place, and one to another node not at all."""
     pe = PeUnderTest().attended()
     for node, after_ms in ((NODE, 0), (BROADCAST, _PLACE_MS), (NEIGHBOUR, None)):
         began_ns = _asks(pe, Service.IDS, node, DataType.NODATA)
@@ -70,7 +70,7 @@ def it_answers_an_identification_request() -> None:
 
 
 def it_keeps_the_time_that_it_is_given() -> None:
-    """The time can be read, with its age; only a ULONG is a time. There is no answer."""
+    """The PE gives the time, with its age, and accepts only a ULONG as a time. Setting the time has no answer."""
     pe = PeUnderTest().attended()
     equal((pe.object(TIME, 1), pe.object(TIME, 2)), (0, _NO_TIME), "time, before any")
     for kind, value, kept in ((DataType.FLOAT, 1.0, 0), (DataType.ULONG, 123_456, 123_456)):
@@ -82,7 +82,7 @@ def it_keeps_the_time_that_it_is_given() -> None:
 
 
 def only_the_interval_of_its_heartbeat_can_be_set() -> None:
-    """In whole ms from 100 on, or 0 for none; every request to this node is answered, and nothing else changes."""
+    """The interval is in whole ms from 100 on, or 0 for no heartbeat; the PE answers every request to its node."""
     pe = PeUnderTest().attended()
     own, ok, refused = heartbeat_id(NODE), Result.OK.message_code, Result.OUT_OF_RANGE.message_code
     interval = 1000
@@ -111,7 +111,7 @@ def only_the_interval_of_its_heartbeat_can_be_set() -> None:
 
 
 def it_says_its_state_when_asked_but_not_at_any_rate() -> None:
-    """Both pages, immediately or at its place; for any number of requests once in a heartbeat period."""
+    """The PE sends both pages, immediately or at its place; however many requests come, once in a heartbeat period."""
     pe = PeUnderTest().attended()
     pe.run(100)
     for node, after_ms in ((NODE, 0), (BROADCAST, _PLACE_MS), (NEIGHBOUR, None)):
@@ -131,7 +131,7 @@ def it_says_its_state_when_asked_but_not_at_any_rate() -> None:
 
 
 def other_services_are_not_answered() -> None:
-    """Nor are they counted; malformed requests are."""
+    """Such services are not counted, either; malformed requests are."""
     pe = PeUnderTest().attended()
     before = pe.object(COUNTERS, 1)
     for service in (Service.FPS, Service.BSS, 77):
@@ -145,7 +145,7 @@ def other_services_are_not_answered() -> None:
 
 
 def its_objects_name_the_modes() -> None:
-    """Of each module the mode in which it runs; of one that does not run none."""
+    """The objects name the mode in which each module runs; for a module that does not run they are empty."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies(EVERYTHING)
@@ -157,7 +157,7 @@ def its_objects_name_the_modes() -> None:
 
 
 def a_table_needs_its_seal() -> None:
-    """With a key it needs a seal of the key, and is taken if it is the present table. Without a key it needs none."""
+    """With a key the table needs a seal of the key, and must be the present table. Without a key it needs none."""
     plain = PeUnderTest()
     plain.run(30)
     equal(Client(plain).writes_table(plain.table.to_json().encode()), None, "why its own table is refused")

@@ -1,4 +1,4 @@
-"""A PE as a gateway, to a wire or to a radio: what it forwards, when, and its report on the radio (protocol rule 9)."""
+"""A PE as a gateway, to a wire or to a radio: what it forwards, when, and its reports on radios (protocol rule 9)."""
 
 from dataclasses import replace
 
@@ -92,7 +92,7 @@ def commands_are_handed_on() -> None:
 
 
 def lease_and_alive_go_on_at_the_far_pace() -> None:
-    """Once in the far heartbeat period while their content is the same, and immediately when it is new."""
+    """They go on once in the far heartbeat period while their content is the same, and immediately when it changes."""
     pe = PeUnderTest(_GATEWAY).attended()
     began_ns = pe.run(2000)
     for identifier in (_LEASE_ID, _ALIVE_ID):
@@ -121,7 +121,7 @@ def commands_from_beyond_are_refused() -> None:
 
 
 def what_nodes_beyond_say_is_handed_up() -> None:
-    """State, EMCY, emergency event, heartbeat and echo of nodes beyond, and reports of gateways; no other frames."""
+    """It forwards states, EMCY, emergency events, heartbeats and echoes of nodes beyond, and gateways' reports only."""
     pe = PeUnderTest(_GATEWAY).attended()
     page = StatePage0(PeState.ACTIVE, PeFlags.HEARS_LEASE, 1, 0, 0, 0).encode()
     told = (state_id, emcy_id, emergency_event_id, heartbeat_id, actuator_echo_id)
@@ -146,7 +146,7 @@ def what_nodes_beyond_say_is_handed_up() -> None:
 
 
 def data_are_handed_on_as_wired() -> None:
-    """Sources that the slice names, from the node it names, to the buses it names, and never back."""
+    """It forwards sources that the slice names, from the node and to the buses that it names, and never back."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), DEMAND: (FAR, 3)}))
     began_ns = pe.run_into_next_period(8)
@@ -168,7 +168,7 @@ def data_are_handed_on_as_wired() -> None:
 
 
 def what_it_reads_itself_is_handed_on_too() -> None:
-    """From GO on: at BREAK nothing is on the far bus that was not there before."""
+    """From GO on its own inputs are forwarded, too; at BREAK no frame is on the far bus that was not there before."""
     pe = PeUnderTest(_GATEWAY).attended()
     reads = Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR})
     pe.flies(reads)
@@ -216,7 +216,7 @@ class _Beyond:
 
 
 def a_radio_is_reported_on() -> None:
-    """Once in its heartbeat period, with a sequence; all of its bandwidth is usable while no frame is missing."""
+    """A report comes once in the radio's period, with a sequence; without a gap, all bandwidth is usable."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -238,7 +238,7 @@ def a_radio_is_reported_on() -> None:
 
 
 def a_radio_that_loses_frames_is_told_so() -> None:
-    """Gaps in the sequences are losses: every fourth frame lost leaves three quarters."""
+    """Gaps in the sequences are losses: if every fourth frame is lost, three quarters are reported."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     pe.attended()
@@ -259,7 +259,7 @@ def a_radio_that_loses_frames_is_told_so() -> None:
 
 
 def a_slow_radio_is_told_so() -> None:
-    """The bits that a radio carries while a frame is in the controller, divided by the time, are what it can carry."""
+    """The radio's capacity is the bits that it carries while a frame is in the controller, divided by that time."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -276,7 +276,7 @@ def a_slow_radio_is_told_so() -> None:
 
 
 def a_radio_that_is_silent_is_gone() -> None:
-    """After as many periods as may be missed and an eighth it is reported; back with the first frame; measured anew."""
+    """Silence for the allowed periods and an eighth is reported; the first frame ends it, and measuring begins anew."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     pe.attended()
@@ -299,7 +299,7 @@ def a_radio_that_is_silent_is_gone() -> None:
 
 
 def what_goes_to_a_radio_waits_in_turn() -> None:
-    """Only the newest datum of each source waits, the most urgent goes first; commands are not lost to newer data."""
+    """Only the newest datum of each source waits, and the most urgent goes first; newer data displace no command."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -324,7 +324,7 @@ def what_goes_to_a_radio_waits_in_turn() -> None:
 
 
 def what_moves_away_is_not_sent_by_radio() -> None:
-    """Frames of a source that moves away, and that wait at BREAK while the radio carries nothing, are withdrawn."""
+    """At BREAK, frames of a source that moves away, which wait because the radio carries nothing, are withdrawn."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -343,7 +343,7 @@ def what_moves_away_is_not_sent_by_radio() -> None:
 
 
 def commands_wait_longer_than_data() -> None:
-    """Commands wait for five periods of the radio; T_lease applies to frames that are of no use when they are old."""
+    """Commands wait for five periods of the radio; frames that are useless when they are old wait for T_lease."""
     for silent_ms, comes in ((400, True), (600, False)):
         pe = PeUnderTest(_RADIO)
         _Beyond(pe)
@@ -360,7 +360,7 @@ def commands_wait_longer_than_data() -> None:
 
 
 def after_a_pause_a_radio_is_reported_on_again() -> None:
-    """Immediately, and then with the old period: periods that have passed are not made up."""
+    """The first report comes immediately, the next in the old period; reports that were missed are not made up."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -402,7 +402,7 @@ def data_keep_to_their_share_of_a_radio() -> None:
 
 
 def a_frame_that_cannot_leave_is_given_up() -> None:
-    """After a period; frames heard meanwhile were carried. Then new frames go, with little bandwidth reported lost."""
+    """It is dropped after a period; if frames were heard meanwhile, new frames go, and little bandwidth is lost."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -425,7 +425,7 @@ def a_frame_that_cannot_leave_is_given_up() -> None:
 
 
 def only_what_is_numbered_shows_losses() -> None:
-    """Pages 1, frames of a few bytes and heartbeats have no sequence: their bytes in that place are no gap."""
+    """Pages 1, frames of a few bytes and heartbeats have no sequence: what stands in its byte is no gap."""
     pe = PeUnderTest(_RADIO)
     beyond = _Beyond(pe)
     page_1 = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0x77, Reason.NONE, 0).encode()
@@ -436,7 +436,7 @@ def only_what_is_numbered_shows_losses() -> None:
 
 
 def a_gateway_s_own_word_goes_by_radio_too() -> None:
-    """Both pages of its state, the newest of each; its own heartbeat once a second."""
+    """It sends both pages of its state over the radio, the newest of each, and its heartbeat once a second."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()

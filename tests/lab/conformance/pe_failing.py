@@ -75,7 +75,7 @@ def _flying(part: Slice | None = None, table: PeTable = TABLE) -> PeUnderTest:
 
 
 def a_report_is_repeated_until_it_is_acknowledged() -> None:
-    """Every heartbeat period; then it is quiet for a second, although found all the while; then reported again."""
+    """EMCY goes out every heartbeat period until it is acknowledged; after a second the PE reports what still lasts."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.reporting("device:gauge_sensor", detail=513)
     began_ns = pe.run(505)
@@ -105,7 +105,7 @@ def a_report_is_repeated_until_it_is_acknowledged() -> None:
 
 
 def what_is_cleared_is_ended_and_reported_anew() -> None:
-    """CLEAR is answered with RESET once; a fault that still lasts is reported immediately."""
+    """The PE answers CLEAR with RESET once; it reports a fault that still lasts immediately."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     pe.run(50)
@@ -163,7 +163,7 @@ def a_new_term_is_told_what_was_heard_since_the_last_silence() -> None:
 
 
 def a_critical_fault_is_sent_to_all_nodes() -> None:
-    """With each EMCY of an element that serves a function of class A goes a CANaerospace emergency event."""
+    """Each EMCY about an element that serves a function of class A is followed by a CANaerospace emergency event."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.reporting("device:servo_motor", detail=1)
     began_ns = pe.run(200)
@@ -181,7 +181,7 @@ def a_critical_fault_is_sent_to_all_nodes() -> None:
 
 
 def nothing_is_reported_while_outputs_are_held() -> None:
-    """Nor for a second after that: a surface that no PE drives does not follow. The reporting module is built anew."""
+    """Nor is anything reported for a second after that: a surface that no PE drives does not follow its command."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies(Slice((_GAUGE, _HELPER, ModuleSlice(SERVO, 0, (None,)))))
@@ -229,7 +229,7 @@ def _reports_while_identifiers_are_doubted() -> None:
 
 
 def a_module_that_fails_is_built_anew_and_then_given_up() -> None:
-    """Immediately, then after 100 ms; reported each time; given up at the third failure, with its restarts used up."""
+    """It is built anew immediately, then after 100 ms; at the third failure its restarts are used up: given up."""
     pe = _flying()
     puppets.BUILT.clear()
     puppets.BEHAVIOUR["helper"] = puppets.raising
@@ -250,7 +250,7 @@ def a_module_that_fails_is_built_anew_and_then_given_up() -> None:
 
 
 def a_module_that_was_given_up_runs_again_with_the_next_epoch() -> None:
-    """Not with the same epoch, for any number of LEASEs; and with all of its restarts."""
+    """It does not run again in the same epoch, for any number of LEASEs; in the next one it has all its restarts."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.raising
     pe.run(400)
@@ -270,7 +270,7 @@ def a_module_that_was_given_up_runs_again_with_the_next_epoch() -> None:
 
 
 def a_failure_is_forgiven_after_a_minute() -> None:
-    """One that comes later counts as the first again; one that comes within a minute does not."""
+    """A failure more than a minute after the last one counts as the first again; an earlier one does not."""
     pe = _flying()
     for wait_s, times in ((0, 1), (59, 2), (61, 1)):
         pe.run(1000 * wait_s)
@@ -283,7 +283,7 @@ def a_failure_is_forgiven_after_a_minute() -> None:
 
 
 def that_a_restart_was_heard_silences_no_failure() -> None:
-    """Nor the other way round: each is reported until it is acknowledged itself."""
+    """Each of restart and failure is reported until it is acknowledged itself."""
     restart, failure = FaultCode.MODULE_RESTARTED, FaultCode.MODULE_EXCEPTION
     for order in ((RESTART_HEARD, 0), (0, RESTART_HEARD)):
         pe, left = _flying(), {restart, failure}
@@ -299,7 +299,7 @@ def that_a_restart_was_heard_silences_no_failure() -> None:
 
 
 def a_module_without_restarts_is_given_up_at_once() -> None:
-    """A module that raises, gives a value that its type cannot carry, or cannot drive its device."""
+    """The module raises, gives a value that its type cannot carry, or cannot drive its device: it is given up."""
     unfit = (
         ("gauge", GAUGE, puppets.giving(height="high")),
         ("gauge", GAUGE, puppets.raising),
@@ -327,7 +327,7 @@ def what_its_mode_does_not_give_is_not_published() -> None:
 
 
 def a_module_that_takes_too_long_is_given_up() -> None:
-    """After ten steps in a row that have each spent more than a period, and not after nine."""
+    """It is given up after ten steps in a row that have each taken more than a period, and not after nine."""
     pe = _flying()
     pe.broken["helper"] = "overrun"
     began_ns = pe.run(270)
@@ -344,7 +344,7 @@ def a_module_that_takes_too_long_is_given_up() -> None:
 
 
 def a_module_that_hangs_is_ended() -> None:
-    """After 100 ms, or three of its periods: built anew, then given up; other partitions are not affected."""
+    """A step ends after 100 ms, or three of its periods: built anew, then given up; other partitions go on."""
     pe = _flying()
     pe.pe.steps.stuck = True
     began_ns = pe.run(95)
@@ -357,7 +357,7 @@ def a_module_that_hangs_is_ended() -> None:
 
 
 def a_new_term_is_told_what_has_stopped() -> None:
-    """And the last phase request is sent to it again, forward only."""
+    """The PE reports its stopped modules to the new term, and sends its last phase request again, forward only."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.asking("land")
     pe.run(50)
@@ -379,7 +379,7 @@ def a_new_term_is_told_what_has_stopped() -> None:
 
 
 def a_request_is_made_once() -> None:
-    """For any number of repetitions by its module; another phase takes its place; it is withdrawn with its module."""
+    """A module may repeat its request; a request for another phase replaces it; it is withdrawn with its module."""
     pe = _flying()
     asked: list[int] = []
 
@@ -410,7 +410,7 @@ def a_request_is_made_once() -> None:
 
 
 def a_request_without_an_acknowledgement_goes_on() -> None:
-    """Over new terms, unchanged; once it is acknowledged, it is sent to the next term with its number, forward only."""
+    """Unacknowledged, it is repeated to new terms unchanged; acknowledged, with its number, but forward only."""
     pe = _flying()
     puppets.BEHAVIOUR["helper"] = puppets.asking("climb")
     for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 1)})):
@@ -425,7 +425,7 @@ def a_request_without_an_acknowledgement_goes_on() -> None:
 
 
 def a_phase_s_rule_holds_for_its_time() -> None:
-    """Beyond the threshold for `hold_ms` without a break: requested once, forward only; armed again when it is back."""
+    """A value beyond the threshold for `hold_ms` requests the phase once, forward only; once back, it can again."""
     heights = {"now": 50.0}
     pe = _flying()
     puppets.BEHAVIOUR["gauge"] = lambda _ctx, _inputs: {"height": heights["now"]}
@@ -457,7 +457,7 @@ def a_phase_s_rule_holds_for_its_time() -> None:
 
 
 def a_rule_does_not_bridge_a_gap() -> None:
-    """Without a value for three periods it begins anew."""
+    """When the value is missing for three periods, the time of the rule begins anew."""
     pe = _flying()
     puppets.BEHAVIOUR["gauge"] = puppets.giving(height=150.0)
     pe.run(150)
@@ -471,7 +471,7 @@ def a_rule_does_not_bridge_a_gap() -> None:
 
 
 def a_partition_that_ends_is_charged_to_the_computing_module() -> None:
-    """Where no module was computing, to all modules in it; the others begin again immediately, without a failure."""
+    """Where no module was computing, all modules of the partition are charged; others begin again without a failure."""
     charged: tuple[tuple[int | None, set[tuple[FaultCode, int]]], ...] = (
         (GAUGE, {(FaultCode.MODULE_RESTARTED, GAUGE)}),
         (HELPER, {(FaultCode.MODULE_RESTARTED, HELPER)}),
@@ -503,7 +503,7 @@ def a_partition_that_ends_is_charged_to_the_computing_module() -> None:
 
 
 def a_request_ends_with_its_partition() -> None:
-    """Also where another module is charged: a module that begins again has no request, and can make a new one."""
+    """The request ends also where another module is charged: a restarted module can make a new request."""
     pe = _flying(table=_TOGETHER)
     puppets.BEHAVIOUR["helper"] = puppets.once(puppets.asking("land"))
     pe.run(50)
@@ -516,13 +516,13 @@ def a_request_ends_with_its_partition() -> None:
 
 
 def _requests(pe: PeUnderTest, since_ns: int) -> set[tuple[int, int]]:
-    """Phase and number of each request."""
+    """Give phase and number of each request of the PE."""
     told = (said for _, said in pe.emergencies(since_ns) if said.code is FaultCode.PHASE_REQUEST)
     return {(said.index, said.detail) for said in told}
 
 
 def a_module_that_cannot_be_built_is_given_up() -> None:
-    """Immediately, with any number of restarts."""
+    """It is given up immediately, however many restarts it has."""
     pe = _flying()
     began_ns = pe.now_ns
     pe.tell(StartFailed(HELPER, "it cannot"))
@@ -553,7 +553,7 @@ def answers_to_old_questions_are_dropped() -> None:
 
 
 def a_step_that_is_given_back_is_asked_for_anew() -> None:
-    """Immediately, and once; the releases after it keep their times, and none of them is missed."""
+    """The step is ordered again immediately, and once; later releases keep their times, and none is missed."""
     pe = _flying()
     pe.run_until(moments(pe.data(HELP_ID, -1))[-1] + 10 * MS)
     pe.pe.gives_back.append(HELPER)
@@ -579,7 +579,7 @@ def what_is_as_old_as_it_may_be_is_fresh() -> None:
 
 
 def a_reader_waits_for_what_it_reads() -> None:
-    """A quarter of its period at most, for a producer that was due just before; then it runs with the last datum."""
+    """A module waits at most a quarter of its period for a producer due just before; then it uses the last datum."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies(Slice((_GAUGE, ModuleSlice(CONTROL, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
@@ -595,7 +595,7 @@ def a_reader_waits_for_what_it_reads() -> None:
 
 
 def a_value_goes_down_a_chain_at_once() -> None:
-    """A module at the end of a chain waits for both producers: it sees the result for the value of this instant."""
+    """The module at the end of a chain waits for both producers: it reads the result for the value of this instant."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     heights: list[float] = []

@@ -65,7 +65,7 @@ class Keyed(PeUnderTest):
         return self.signer.tag(frame)
 
     def welcomes(self) -> Session:
-        """Answer the nonce that it sent last; gives the session."""
+        """Answer the last nonce of the PE; gives the session."""
         nonce = self.pages_2(-1)[-1][1].nonce
         self.main.say(*self.signer.welcome(NODE, nonce))
         self.session = Session(126, self.signer.term, self.signer.number)
@@ -73,7 +73,7 @@ class Keyed(PeUnderTest):
         return self.session
 
     def attended(self) -> "Keyed":
-        """Let a manager be active that has welcomed it."""
+        """Let a manager be active that has welcomed the PE."""
         self.lease = Lease(5, 0, Step.PREPARED, 0)
         self.alive = frozenset((NODE, NEIGHBOUR))
         self.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
@@ -83,7 +83,7 @@ class Keyed(PeUnderTest):
         return self
 
     def believes(self) -> bool:
-        """Tell whether a PING is answered."""
+        """Tell whether the PE answers a PING."""
         began_ns = self.run_into_next_period(8)
         self.main.command(Ping(self.signer.term, NODE, 0))
         self.run(3)
@@ -96,7 +96,7 @@ def _is_tagged(frame: Frame, session: Session, beat: int, digest: int, emergency
 
 
 def it_asks_before_it_believes() -> None:
-    """A nonce with its first beat, and then once in a period while a manager is heard; it accepts no command before."""
+    """It sends a nonce with its first beat, then once in a period while a manager is heard; it accepts none before."""
     pe = Keyed()
     pe.run(100)
     equal(len(pe.pages_2(-1)), 1, "nonces while no manager is heard")
@@ -117,7 +117,7 @@ def it_asks_before_it_believes() -> None:
 
 
 def its_states_are_proven() -> None:
-    """Page 0 with its number in the session, page 1 without; the tag covers the digest, which page 3 shows."""
+    """Page 0 has a tag and its number in the session, page 1 a tag; the tag covers the digest, which page 3 shows."""
     pe = Keyed()
     pe.run(10 * PERIOD_NS / MS)
     beats = [t_ns for t_ns, frame in pe.main.since(-1, [state_id(NODE)]) if frame.data[0] < 0x40]
@@ -143,7 +143,7 @@ def its_states_are_proven() -> None:
 
 
 def what_is_not_proven_is_refused() -> None:
-    """Commands without a tag, with another key, an old number, changed, cut: counted in page 3, no other effect."""
+    """Commands without tag, with another key, an old number, changed or cut are counted in page 3: no other effect."""
     pe = Keyed().attended()
     pe.run(220)
     before, counted = pe.pages_3(-1)[-1][1], pe.object(COUNTERS, 1)
@@ -185,7 +185,7 @@ def what_is_not_proven_is_refused() -> None:
 
 
 def a_tag_must_come_in_time() -> None:
-    """A command waits for it for T_lease, and no longer."""
+    """A command waits for its tag for T_lease, and no longer."""
     for late_ms, believed in ((95, True), (106, False)):
         pe = Keyed().attended()
         pe.lease = pe.alive = None
@@ -203,7 +203,7 @@ def a_tag_must_come_in_time() -> None:
 
 
 def numbers_may_be_missed() -> None:
-    """Up to 8191 of them; a PE that has missed more sends a nonce, after T_lease without a command."""
+    """Up to 8191 numbers may be missed; a PE that missed more sends a nonce, after T_lease without a command."""
     pe = Keyed().attended()
     pe.signer.number += NUMBER_SPAN - 60
     demand(pe.believes(), "a PE that has missed 8000 commands accepts none")
@@ -219,7 +219,7 @@ def numbers_may_be_missed() -> None:
 
 
 def a_welcome_answers_a_fresh_nonce() -> None:
-    """Its own nonce of the last T_lease: not that of another PE, nor one that it sent long ago."""
+    """WELCOME must have the PE's own nonce of the last T_lease: not that of another PE, nor an older one."""
     pe = Keyed()
     pe.run(5)
     nonce = pe.pages_2(-1)[-1][1].nonce
@@ -243,7 +243,7 @@ def a_welcome_answers_a_fresh_nonce() -> None:
 
 
 def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
-    """RENEW ends the session; a new term of the same manager is accepted immediately, and sent a nonce."""
+    """RENEW ends the session; the PE accepts a new term of the same manager immediately, and sends a nonce."""
     pe = Keyed().attended()
     pe.main.command(Control(5, NODE + 1, Operation.RENEW), Control(5, 0, Operation.RENEW))
     began_ns = pe.run(100)
@@ -268,7 +268,7 @@ def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
 
 
 def another_manager_has_to_welcome_it_too() -> None:
-    """A manager that has not welcomed the PE is refused in any term; its commands make the PE send a nonce."""
+    """The PE refuses a manager that has not welcomed it, in any term; its commands make the PE send a nonce."""
     pe = Keyed().attended()
     other = CommandSigner(KEY, 127, 6)
 
@@ -326,7 +326,7 @@ def an_emergency_is_proven_by_the_next_page_0() -> None:
 
 
 def its_lock_opens_for_a_while() -> None:
-    """UNLOCK for this node alone, for its time and 60 s at most: SDO downloads and NMT work until then."""
+    """UNLOCK for this node opens the lock for its time, 60 s at most: SDO downloads and NMT work until then."""
     pe = Keyed()
     pe.run(25)
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
@@ -355,7 +355,7 @@ def its_lock_opens_for_a_while() -> None:
 
 
 def _writes(pe: PeUnderTest) -> bool:
-    """Tell whether the heartbeat time can be written."""
+    """Tell whether a client can write the heartbeat time of the PE."""
     began_ns = pe.now_ns
     command = DOWNLOAD | EXPEDITED | SIZE_GIVEN | 2 << 2
     pe.main.say(Frame(sdo_request_id(NODE), with_data(command, HEARTBEAT_TIME, 0, b"\xe8\x03")))
@@ -366,7 +366,7 @@ def _writes(pe: PeUnderTest) -> bool:
 
 
 def a_gateway_hands_on_tags() -> None:
-    """With the commands that it has accepted, and a WELCOME toward its node; unproven commands are not forwarded."""
+    """It forwards tags with the commands that it accepts, and WELCOME to its node; it forwards nothing unproven."""
     far = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
     pe = Keyed(table=replace(TABLE, ports=(MAIN, far))).attended()
     began_ns = pe.run_into_next_period(8)

@@ -44,11 +44,11 @@ class Client:
         self.pe.run(_ENOUGH_MS)
 
     def answers(self, since_ns: int) -> list[bytes]:
-        """Answers since a moment."""
+        """Give the answers since a moment."""
         return [one.frame.data for one in self.pe.main.since(since_ns, [sdo_response_id(NODE)])]
 
     def writes_table(self, text: bytes) -> str | None:
-        """Write object 2020h by blocks, without a checksum; gives why it is refused, None where it is not."""
+        """Write object 2020h by blocks, without a checksum; gives why it is refused, None where it is accepted."""
         self.hears(f"c2 {_TABLE} {len(text).to_bytes(4, 'little').hex()}", f"a0 {_TABLE} 20")
         parts = [text[start : start + 7] for start in range(0, len(text), 7)]
         for position, part in enumerate(parts):
@@ -122,7 +122,7 @@ def what_is_wrong_is_refused_with_a_reason() -> None:
 
 
 def a_client_may_break_off() -> None:
-    """Its abort is not answered, nor is a message that is too short; the transfer is gone."""
+    """The PE does not answer an abort, nor a message that is too short; the transfer has ended."""
     client = Client()
     client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
     equal(client.asks(f"80 {_HEARTBEAT} 00 00 00 08"), [], "answers to an abort")
@@ -134,7 +134,7 @@ def a_client_may_break_off() -> None:
 
 
 def a_client_that_falls_silent_is_given_up() -> None:
-    """After a second, and not before; each message gives it another one."""
+    """The transfer ends after a second without a message, and not before."""
     client = Client()
     for begin, message in ((f"21 {_HEARTBEAT} 02", _HEARTBEAT), (f"40 {_TABLE}", _TABLE), (f"a0 {_TABLE} 02", _TABLE)):
         equal(len(client.asks(begin)), 1, f"answers to {begin}")
@@ -151,7 +151,7 @@ def a_client_that_falls_silent_is_given_up() -> None:
 
 
 def a_table_may_have_a_mebibyte() -> None:
-    """And no byte more, which is refused before the first one comes; none at all while the PE runs modules."""
+    """A byte more is refused before the first one comes; any table is refused while the PE runs modules."""
     client = Client()
     client.hears(f"c6 {_TABLE} 00 00 10 00", f"a4 {_TABLE} 20")
     client.asks("80")
@@ -163,7 +163,7 @@ def a_table_may_have_a_mebibyte() -> None:
 
 
 def a_table_is_fetched_by_segments() -> None:
-    """Seven bytes each, the toggle bit alternates, the last one is marked; a wrong toggle bit ends the transfer."""
+    """Segments have seven bytes, the toggle bit alternates, the last one is marked; a wrong toggle bit ends it."""
     client = Client()
     wanted = client.pe.table.to_json().encode()
     client.hears(f"40 {_TABLE}", f"41 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
@@ -181,7 +181,7 @@ def a_table_is_fetched_by_segments() -> None:
 
 
 def a_table_is_fetched_by_blocks() -> None:
-    """Each of as many segments as the client wants; lost segments are sent again; a checksum at the end."""
+    """A block has as many segments as the client wants; lost segments are sent again; a checksum follows at the end."""
     client = Client()
     wanted = client.pe.table.to_json().encode()
     size = len(wanted).to_bytes(4, "little").hex()
@@ -205,7 +205,7 @@ def a_table_is_fetched_by_blocks() -> None:
 
 
 def a_block_that_has_a_gap_is_told_so() -> None:
-    """At its end, or after a pause, with the number of segments in order; checksum and length are checked."""
+    """At its end, or after a pause, the client gets the number of segments in order; checksum and length must agree."""
     client = Client()
     client.hears(f"c6 {_TABLE} 0e", f"a4 {_TABLE} 20")
     equal(client.asks("01 31 32 33 34 35 36 37", 140), [], "answers before the end of a block")
@@ -220,7 +220,7 @@ def a_block_that_has_a_gap_is_told_so() -> None:
 
 
 def a_table_of_any_length_is_fetched_by_blocks() -> None:
-    """Its last message has the number of unused bytes in the last segment, and the checksum of the rest."""
+    """The last message has the number of unused bytes in the last segment, and the checksum of the other bytes."""
     for more in range(8):
         client = Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
         wanted = client.pe.table.to_json().encode()
@@ -242,7 +242,7 @@ def a_table_of_any_length_is_fetched_by_blocks() -> None:
 
 
 def what_grows_too_long_is_refused_on_the_way() -> None:
-    """By segments at the first byte too many; by a block at the first segment that holds none of the object."""
+    """Segments are refused at the first byte too many, a block at the first segment without a byte of the object."""
     client = Client()
     client.hears(f"21 {_TABLE} 07", f"60 {_TABLE}")
     client.hears("00 31 32 33 34 35 36 37", "20")  # all of it, and an empty segment may follow
@@ -258,7 +258,7 @@ def what_grows_too_long_is_refused_on_the_way() -> None:
 
 
 def nmt_ends_what_was_under_way() -> None:
-    """A reset does, where no manager is heard; a stopped node does not answer, and the transfer is gone."""
+    """A reset ends the transfer, where no manager is heard; so does stopping the node, which then does not answer."""
     client = Client()
     for reset in (129, 130):
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")

@@ -27,7 +27,7 @@ _S = 1000
 
 
 def it_speaks_at_its_place_in_the_period() -> None:
-    """Page 0 every period at (n - 92) / 34 of it, counted by sequence; page 1 with the first and every tenth."""
+    """Page 0 goes out every period at (n - 92) / 34 of it, with a sequence; page 1 with the first and every tenth."""
     pe = PeUnderTest()
     pe.run(2 * _S)
     pages = pe.pages_0(-1)
@@ -45,14 +45,14 @@ def it_speaks_at_its_place_in_the_period() -> None:
 
 
 def it_counts_to_255_and_on() -> None:
-    """The sequence is that of the page, modulo 256."""
+    """The sequence of page 0 counts modulo 256."""
     pe = PeUnderTest()
     pe.run(6 * _S)
     equal([page.sequence for _, page in pe.pages_0(-1)], [number % 256 for number in range(300)], "sequences")
 
 
 def on_two_buses_each_has_its_own_period_and_count() -> None:
-    """Page 0 on every port in the heartbeat period of that bus; the CANopen heartbeat on both."""
+    """Page 0 goes out on every port in the heartbeat period of that bus; the CANopen heartbeat on both."""
     far = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
     pe = PeUnderTest(replace(TABLE, ports=(MAIN, far)))
     pe.run(2 * _S)
@@ -68,7 +68,7 @@ def on_two_buses_each_has_its_own_period_and_count() -> None:
 
 
 def its_canopen_heart_beats_once_a_second() -> None:
-    """Boot-up immediately, then the NMT state every second: pre-operational, and operational once it is configured."""
+    """Boot-up comes immediately, then the NMT state every second: pre-operational, operational once configured."""
     pe = PeUnderTest().attended().flies()
     pe.run(4 * _S)
     beats = pe.main.since(-1, [heartbeat_id(NODE)])
@@ -103,7 +103,7 @@ def nmt_is_accepted_where_no_manager_is_heard() -> None:
 
 
 def it_answers_a_ping_at_once() -> None:
-    """Both pages, to a PING for itself or for all PEs; none to one for another PE, and none to a stale term."""
+    """It sends both pages, to a PING for itself or for all PEs; none to one for another PE, or of a stale term."""
     pe = PeUnderTest().attended()
     pe.run(15)
     for ping, answered in (
@@ -121,7 +121,7 @@ def it_answers_a_ping_at_once() -> None:
 
 
 def after_a_pause_it_does_not_make_up_for_beats() -> None:
-    """Missed beats are not made up: the next one comes at its place."""
+    """The next beat comes at its place, and missed beats are not made up."""
     pe = PeUnderTest()
     pe.run(105)
     pe.pe.pause(70 * MS)
@@ -134,7 +134,7 @@ def after_a_pause_it_does_not_make_up_for_beats() -> None:
 
 
 def it_says_whether_it_hears_a_lease() -> None:
-    """From the LEASE on, until T_lease after the last one and no longer."""
+    """The state reports LEASE as heard from the LEASE on, until T_lease after the last one and no longer."""
     pe = PeUnderTest().attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.lease, pe.alive = None, None

@@ -33,14 +33,14 @@ _QUIET_NS = PERIOD_NS // 2  # without a frame of the body, before INCOMPLETE
 
 
 def _ready() -> PeUnderTest:
-    """A PE that hears a manager, in the quiet part of its period."""
+    """Give a PE that hears a manager, in the quiet part of its period."""
     pe = PeUnderTest().attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     return pe
 
 
 def a_slice_is_staged_and_said_at_once() -> None:
-    """Page 1 names the epoch without a digest while it is collected, and with it when it is whole."""
+    """Page 1 names the epoch without a digest while the slice is collected, and with it when the slice is complete."""
     pe = _ready()
     frames = pe.slice_frames(_EPOCH, EVERYTHING)
     demand(len(frames) > 4, "the slice of this test is too short")
@@ -61,7 +61,7 @@ def a_slice_is_staged_and_said_at_once() -> None:
 
 
 def its_frames_come_in_any_order_and_doubled() -> None:
-    """The body comes before its head, from the end, twice."""
+    """The body comes before its head, from the end, twice: the slice is staged."""
     pe = _ready()
     head, *body = pe.slice_frames(_EPOCH, EVERYTHING)
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *reversed(body))
@@ -179,7 +179,7 @@ _INCOHERENT = (
 
 
 def what_its_table_has_not_is_refused() -> None:
-    """UNKNOWN_INDEX for a slice that cannot run here; one that is just within the limits is staged."""
+    """A slice that cannot run here is refused with UNKNOWN_INDEX; one that is just within the limits is staged."""
     pe = _ready()
     epoch = _EPOCH
     for wanted, parts in ((Reason.NONE, _COHERENT), (Reason.UNKNOWN_INDEX, _INCOHERENT)):
@@ -193,7 +193,7 @@ def what_its_table_has_not_is_refused() -> None:
 
 
 def bytes_that_are_no_slice_are_refused() -> None:
-    """UNKNOWN_INDEX, too: bytes with the announced digest that are no slice; and a length that cannot be sent."""
+    """UNKNOWN_INDEX answers bytes that are no slice, with the announced digest, and a length that cannot be sent."""
     pe = _ready()
     pe.main.command(Prepare(5, _EPOCH, _DIGEST), *pe.slice_frames(_EPOCH, b"\xff\xff\xff"))
     began_ns = pe.run(2)
@@ -205,7 +205,7 @@ def bytes_that_are_no_slice_are_refused() -> None:
 
 
 def an_image_that_cannot_be_loaded_is_refused() -> None:
-    """IMAGE, and only where a module of the slice has that image."""
+    """The PE refuses the slice with IMAGE, and only if a module of the slice has that image."""
     broken = replace(TABLE.modules[HELPER], image="lab.conformance.puppets:Missing")
     pe = PeUnderTest(replace(TABLE, modules=(*TABLE.modules[:HELPER], broken))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
@@ -218,7 +218,7 @@ def an_image_that_cannot_be_loaded_is_refused() -> None:
 
 
 def what_is_old_is_refused() -> None:
-    """STALE_EPOCH for an epoch that is not newer than the staged or running one; also for another digest of it."""
+    """STALE_EPOCH answers an epoch that is not newer than the staged or running one, also with another digest."""
     pe = _ready()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(3)
@@ -238,7 +238,7 @@ def what_is_old_is_refused() -> None:
 
 
 def a_newer_epoch_takes_the_place_of_what_is_collected() -> None:
-    """An older one does not; in a new term also an epoch that is not newer than one that was only staged."""
+    """An older epoch does not; in a new term an epoch may be older than one that was only staged."""
     pe = _ready()
     pe.main.command(Prepare(5, _EPOCH + 2, _DIGEST))
     pe.main.command(Prepare(5, _EPOCH + 1, _DIGEST))
@@ -254,7 +254,7 @@ def a_newer_epoch_takes_the_place_of_what_is_collected() -> None:
 
 
 def what_runs_here_needs_no_body() -> None:
-    """A head with digest and length of the running slice stages it; with another length it does not."""
+    """A head with the digest and length of the running slice stages it; with another length it does not."""
     pe = PeUnderTest().attended().flies()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.prepare(_EPOCH + 1, EVERYTHING, _DIGEST + 1, body=False)
@@ -271,7 +271,7 @@ def what_runs_here_needs_no_body() -> None:
 
 
 def nothing_to_do_is_staged_by_its_head() -> None:
-    """The empty slice is complete with its head, from the start on too; before the first epoch it does not 'run'."""
+    """The empty slice is complete with its head, from the start on; before the first epoch it is not what 'runs'."""
     pe = _ready()
     pe.prepare(_EPOCH, NOTHING, _DIGEST)
     began_ns = pe.run(2)
@@ -282,7 +282,7 @@ def nothing_to_do_is_staged_by_its_head() -> None:
 
 
 def a_contingency_on_board_is_called_by_its_number() -> None:
-    """PREPARE alone stages it if number and digest agree; else NOT_ON_BOARD, once, and the slice is accepted."""
+    """PREPARE alone stages it if number and digest agree; else NOT_ON_BOARD comes once, and the slice is accepted."""
     first, second = Slice((_GAUGE,), publish={HEIGHT: 1}), EVERYTHING
     table = with_plans_on_board(TABLE, (first, 0xA1), (second, 0xA2))
     pe = PeUnderTest(table).attended()
@@ -310,7 +310,7 @@ def a_contingency_on_board_is_called_by_its_number() -> None:
 
 
 def data_stand_back_for_what_is_on_board() -> None:
-    """All PEs answer together then, and take it together: data wait for the time of some frames, and are sent then."""
+    """All PEs answer PREPARE together, and take a step together: data wait for the time of some frames meanwhile."""
     pe = PeUnderTest(with_plans_on_board(TABLE, (EVERYTHING, 0xA1)))
     puppets.behave_normally()
     pe.attended().flies()
@@ -329,7 +329,7 @@ def data_stand_back_for_what_is_on_board() -> None:
 
 
 def what_cannot_run_is_not_staged_from_on_board_either() -> None:
-    """The same reasons apply to a contingency on board."""
+    """A contingency on board is refused for the same reasons as a slice."""
     impossible = Slice((_GAUGE,), publish={HEIGHT: 2})
     pe = PeUnderTest(with_plans_on_board(TABLE, (impossible, 0xA1))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)

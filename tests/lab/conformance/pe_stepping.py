@@ -51,7 +51,7 @@ def _attended() -> PeUnderTest:
 
 
 def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState) -> None:
-    """Demand that a step is taken, and reported immediately."""
+    """Demand that the PE takes a step, and reports it immediately."""
     pe.run_into_next_period(5)
     pe.activate(epoch, step, digest)
     began_ns = pe.run(1.5)
@@ -64,7 +64,7 @@ def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState)
 
 
 def it_takes_one_step_after_the_other() -> None:
-    """BROKEN, PARTIAL while a new branch is held, ACTIVE; each is reported immediately, and taken once."""
+    """The PE reports BROKEN, PARTIAL while a new branch is held, ACTIVE; each immediately, and takes each step once."""
     pe = _attended()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(15)
@@ -82,7 +82,7 @@ def it_takes_one_step_after_the_other() -> None:
 
 
 def without_a_branch_go_is_the_last_step() -> None:
-    """ACTIVE at GO where nothing is held; and GO_ALL contains all steps."""
+    """The PE is ACTIVE at GO where no branch is held; GO_ALL contains all steps."""
     pe = _attended()
     pe.prepare(_EPOCH, Slice((_GAUGE,), publish={HEIGHT: 1}), _DIGEST)
     pe.run(5)
@@ -96,7 +96,7 @@ def without_a_branch_go_is_the_last_step() -> None:
 
 
 def a_lease_is_as_good_as_an_activate() -> None:
-    """A PE that missed ACTIVATE takes the step from the next LEASE; one at PREPARED, or of epoch 0, has no effect."""
+    """A PE that missed ACTIVATE takes the step from the next LEASE; LEASE at PREPARED, or of epoch 0, has no effect."""
     pe = _attended()
     pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
     pe.run(15)
@@ -114,7 +114,7 @@ def a_lease_is_as_good_as_an_activate() -> None:
 
 
 def what_was_not_staged_is_not_run() -> None:
-    """ACTIVATE of another epoch or digest changes nothing but what may be driven."""
+    """ACTIVATE of another epoch or digest changes only the output authorization."""
     pe = _attended().flies()
     demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "its outputs are held")
     for order in (Activate(5, _EPOCH - 1, Step.GO_ALL, 1), Activate(5, _NEXT, Step.PREPARED, 1)):
@@ -154,7 +154,7 @@ def break_takes_away_and_adds_nothing() -> None:
 
 
 def a_branch_that_ran_is_not_held() -> None:
-    """In another epoch, too, a branch that ran here is not held: no other PE has it. A new one waits for GO_ALL."""
+    """A branch that ran here in the epoch before is not held, since no other PE has it. A new one waits for GO_ALL."""
     pe = _attended()
     pe.flies(Slice((_GAUGE, _COARSE, _SERVO), publish={HEIGHT: 1}))
     pe.prepare(_NEXT, EVERYTHING, _NEXT_DIGEST)
@@ -166,7 +166,7 @@ def a_branch_that_ran_is_not_held() -> None:
 
 
 def a_module_that_can_goes_on_in_another_mode() -> None:
-    """It is kept over BREAK if it says so, else built anew; dropped if a newer epoch does not want it."""
+    """A module that can change its mode goes on over BREAK, others are built anew; a newer epoch may drop it."""
     for keeps in (False, True):
         pe = _attended()
         if keeps:
@@ -196,7 +196,7 @@ def a_module_that_can_goes_on_in_another_mode() -> None:
 
 
 def a_module_that_waits_to_be_built_anew_is_not_carried_over() -> None:
-    """It has failed: in the other mode, too, it is built anew."""
+    """It has failed: also for the other mode the module is built anew."""
     again = tuple(replace(one, restarts=2) if one.index == CONTROL else one for one in TABLE.modules)
     pe = PeUnderTest(replace(TABLE, modules=again)).attended()
     puppets.behave_normally()
@@ -216,7 +216,7 @@ def a_module_that_waits_to_be_built_anew_is_not_carried_over() -> None:
 
 
 def data_come_and_go_as_wired() -> None:
-    """A module sees data of the named node, type and version, for three periods; at first the initial value."""
+    """A module reads data of the named node, type and version, for three periods; before that the initial value."""
     pe = _attended()
     puppets.BEHAVIOUR["lamp"] = _watch
     lamp = Slice((_LAMP,), remote={DEMAND: NEIGHBOUR})
@@ -260,7 +260,7 @@ def _watch(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
 
 
 def a_datum_that_its_producer_does_not_trust_says_so() -> None:
-    """Validity not stated, valid and degraded can be used; a module sees invalid and not computed data as such."""
+    """Data with validity not stated, valid or degraded are usable; a module sees invalid and not computed as such."""
     pe = _attended()
     trusted: list[bool] = []
 
@@ -279,7 +279,7 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
 
 
 def a_step_may_wait_for_the_processor() -> None:
-    """It waits for T_lease: a processor that is busy for some ms with each module computes them all."""
+    """A step waits for T_lease at most: a processor that is busy for some ms with each module computes all of them."""
     pe = _attended().flies()
     pe.pe.steps.slow = Random(0)
     began_ns = pe.run(400)
@@ -289,7 +289,7 @@ def a_step_may_wait_for_the_processor() -> None:
 
 
 def data_that_another_node_may_send_are_withdrawn() -> None:
-    """Frames of a source that moves away, and still wait while the bus is full, are not sent after BREAK."""
+    """Frames of a source that moves away, and that still wait while the bus is full, are not sent after BREAK."""
     pe = _attended().flies()
     pe.prepare(_NEXT, Slice((_GAUGE,), publish={HEIGHT: 1}), _NEXT_DIGEST)
     _fill_the_bus(pe)
@@ -305,7 +305,7 @@ def data_that_another_node_may_send_are_withdrawn() -> None:
 
 
 def data_that_the_manager_may_give_away_are_withdrawn() -> None:
-    """Frames of a movable module that still wait when ALIVE names other PEs, or another node has this node-ID."""
+    """Waiting frames of a movable module are withdrawn when ALIVE names other PEs, or another node has this node-ID."""
     for clashes in (False, True):
         pe = _attended().flies()
         _fill_the_bus(pe)
@@ -327,7 +327,7 @@ def _fill_the_bus(pe: PeUnderTest) -> None:
 
 
 def a_branch_needs_its_name_in_alive() -> None:
-    """A branch is not driven before ALIVE names its PE, nor from the first ALIVE on that does not."""
+    """A branch is driven from the first ALIVE that names its PE to the first ALIVE that does not."""
     pe = PeUnderTest()
     puppets.behave_normally()
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
@@ -376,7 +376,7 @@ _NO_EVIDENCE = (
 
 
 def after_a_silence_an_alive_must_name_it() -> None:
-    """Or it must hear other nodes for T_lease: until then it is in doubt."""
+    """Until ALIVE names it, or it hears other nodes for T_lease, the PE is in doubt."""
     pe = _attended().flies()
     kept = pe.neighbour
     pe.lease = pe.alive = pe.neighbour = None
@@ -398,7 +398,7 @@ def after_a_silence_an_alive_must_name_it() -> None:
 
 
 def a_manager_that_has_just_become_active_ends_no_doubt() -> None:
-    """It has every PE available that it hears, without knowing which was replaced; naming what runs ends it."""
+    """Such a manager has every PE that it hears available, even a replaced one; naming what runs ends the doubt."""
     pe = _back_under_another(after_ms=200)
     began_ns = pe.run(90)
     equal([t for t in pe.drives if t > began_ns], [], "its branch is driven, and no manager has named what runs")
@@ -425,7 +425,7 @@ def a_step_before_the_last_ends_no_doubt() -> None:
 
 
 def _back_under_another(after_ms: float) -> PeUnderTest:
-    """A PE that has heard no node for so long, and then a new active manager that has it available."""
+    """Give a PE that has heard no node for so long, and then a new active manager that has the PE available."""
     pe = _attended().flies()
     pe.run_into_next_period(5)
     pe.lease = pe.alive = pe.neighbour = None
@@ -435,7 +435,7 @@ def _back_under_another(after_ms: float) -> PeUnderTest:
 
 
 def a_silence_within_t_lease_raises_no_doubt() -> None:
-    """A branch is driven on. Data of a movable module are sent again when the doubt about them is over."""
+    """The branch is driven on. Data of a movable module are sent again when the doubt about them has ended."""
     pe = _attended().flies()
     kept = pe.neighbour
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
@@ -451,7 +451,7 @@ def a_silence_within_t_lease_raises_no_doubt() -> None:
 
 
 def a_newer_epoch_elsewhere_stops_it() -> None:
-    """A newer epoch that a neighbour runs and the PE has not followed; an older one, or none, has no effect."""
+    """A newer epoch that a neighbour runs, and the PE does not follow, stops it; an older one, or none, does not."""
     pe = _attended().flies()
     assert pe.neighbour is not None
     pe.lease = None
@@ -468,7 +468,7 @@ def a_newer_epoch_elsewhere_stops_it() -> None:
 
 
 def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
-    """After the last frame of another node; the module goes on computing, and data of fixed modules are sent on."""
+    """After another node's last frame, data of movable modules go on for two periods, those of fixed ones longer."""
     pe = _attended().flies()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
     pe.neighbour = pe.lease = pe.alive = None
@@ -482,7 +482,7 @@ def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
 
 
 def a_pe_that_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
-    """The manager sends PING once in a period: data are held from two periods after the first, until PING stops."""
+    """The manager sends PING every period: data are held from two periods after the first PING, until PING stops."""
     pe = _attended().flies()
     for beats in (1, 6):
         pe.run_into_next_period(2)
@@ -501,7 +501,7 @@ def a_pe_that_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
 
 
 def an_output_is_echoed() -> None:
-    """The value of an actuator, and that an output without an actuator ran; each frame with the next code."""
+    """The echo has the value of an actuator, or that an output without one ran; each echo has the next code."""
     pe = _attended().flies()
     began_ns = pe.run(1000)
     told = [d for _, d in pe.echoes(began_ns)]
@@ -555,7 +555,7 @@ def it_says_that_it_holds_back_what_could_run_elsewhere() -> None:
 
 
 def its_objects_tell_what_each_module_does() -> None:
-    """Module states in the object dictionary: not wanted, not started yet, held, running."""
+    """The object dictionary has the states of modules: not wanted, not started yet, held, running."""
     pe = _attended()
     pe.prepare(_EPOCH, replace(EVERYTHING, modules=EVERYTHING.modules[:4], publish={}), _DIGEST)
     pe.run(15)

@@ -94,7 +94,7 @@ def what_it_does_not_accept_is_counted() -> None:
 
 
 def what_is_held_back_is_counted() -> None:
-    """Steps and writes of a branch, frames of a movable module, reports of unknown elements."""
+    """Counted are steps and writes of a branch, frames of a movable module, and reports of unknown elements."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies()
@@ -121,7 +121,7 @@ def what_is_held_back_is_counted() -> None:
 
 
 def what_changes_is_noted() -> None:
-    """One note for each: start, term, step, lease, outputs, faults, phases, node-ID clash."""
+    """There is one note for each change: start, term, step, lease, outputs, faults, phases, node-ID clash."""
     pe = PeUnderTest()
     pe.run(30)
     equal(
@@ -165,7 +165,7 @@ def what_changes_is_noted() -> None:
 
 
 def releases_that_were_missed_are_counted() -> None:
-    """Of the releases while the processor stands still, one of each module is made up, the others are skipped."""
+    """After a standstill of the processor one release of each module is made up; the others are skipped and counted."""
     pe = PeUnderTest().attended()
     puppets.behave_normally()
     pe.flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
@@ -187,7 +187,7 @@ def releases_that_were_missed_are_counted() -> None:
 
 
 def requests_by_sdo_wait_for_their_turn() -> None:
-    """In flight SDO takes a tenth of the bus; four requests wait, further ones are counted and dropped."""
+    """In flight SDO takes a tenth of the bus; four requests wait, and further ones are counted and dropped."""
     pe = PeUnderTest().attended().flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
     pe.run_into_next_period(5)
     before = pe.counted
@@ -227,7 +227,7 @@ def an_echo_of_another_pe_moves_the_plant() -> None:
 
 
 def an_echo_that_nothing_here_feels_moves_nothing() -> None:
-    """A plant follows the actuators that its sensors feel; a gateway forwards the echoes of all other actuators."""
+    """A plant moves with the actuators that its sensors measure; a gateway forwards the echoes of all others."""
     moved, handed_on = _echo(actuator_echo_id(NEIGHBOUR), NEIGHBOUR, 2, 2), _echo(actuator_echo_id(FAR), FAR, 2, 2)
     for felt, moves in (("rudder_motor", True), ("servo_motor", False)):
         pe = PeUnderTest(_GATEWAY)
@@ -270,7 +270,7 @@ def a_step_that_changes_nothing_is_not_undone() -> None:
 
 
 def a_lost_channel_is_told_every_second() -> None:
-    """It is reported immediately, and every second while it lasts; its end once. It is not acknowledged."""
+    """The PE reports it immediately, and every second while it lasts; its end once. It is not acknowledged."""
     pe = PeUnderTest().attended()
     lost = [Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
     back = [Emergency(FaultCode.CHANNEL_BACK, 0, ElementKind.CHANNEL, 0, number) for number in (1, 2)]

@@ -1,7 +1,7 @@
-"""One real PE, with the rest of its aircraft played: a manager, a neighbour, the nodes beyond a gateway.
+"""One real PE; the test plays the rest of its aircraft: a manager, a neighbour, the nodes beyond a gateway.
 
-The PE is node 95 on `main` (1 Mbit/s, 20 ms). The played nodes send by themselves, beat by beat, until the test changes
-that: `lease` and `alive` of manager 126, and the page 0 of neighbour 93. None in the place of one stops it.
+The PE is node 95 on `main` (1 Mbit/s, 20 ms). The played nodes send by themselves in each period, until the test
+changes that: `lease` and `alive` of manager 126, and the page 0 of neighbour 93. Setting one of them to None stops it.
 
     module       where            does
     gauge        fixed, sensor    gives height
@@ -172,7 +172,7 @@ class PuppetPlant(Plant):
         self.takes = True
 
     def read(self, device: str, now_ns: int) -> Value | None:  # noqa: ARG002
-        """Reading of a device, as the test has set it."""
+        """Give the reading of a device, as the test has set it."""
         return self.readings.get(device)
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002
@@ -184,7 +184,7 @@ class PuppetPlant(Plant):
 
 
 class _Pe(SimulatedPe):
-    """A PE that keeps its notes, and the echoes that move its plant; it can give a step back."""
+    """A PE that keeps its notes and the echoes that move its plant; it can refuse to execute a step."""
 
     notes: list[tuple[str, str]]
     followed: list[tuple[str, float]]
@@ -203,7 +203,7 @@ class _Pe(SimulatedPe):
         return super()._do(action)
 
     def tell(self, event: Event) -> None:
-        """Hand an event to the core."""
+        """Give an event to the core."""
         self.give(event)
 
 
@@ -268,7 +268,7 @@ class PeUnderTest(UnderTest):
         self.clock.at(self.now_ns + PERIOD_NS, self._beat)
 
     def attended(self) -> "PeUnderTest":
-        """Let a manager be active that has it available, and a neighbour be alive; gives this."""
+        """Let a manager be active that has the PE available, and a neighbour be alive; gives this object."""
         self.lease = Lease(self.term, 0, Step.PREPARED, 0)
         self.alive = frozenset((NODE, NEIGHBOUR))
         self.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
@@ -283,7 +283,7 @@ class PeUnderTest(UnderTest):
         self.main.command(*self.slice_frames(epoch, part)[: None if body else 1], manager=self.manager)
 
     def slice_frames(self, epoch: int, part: Slice | bytes) -> list[SliceHead | SliceBody]:
-        """Head and body of a slice."""
+        """Give head and body of a slice as frames."""
         return slice_messages(NODE, epoch, part, self.table.spec_digest)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
@@ -296,7 +296,7 @@ class PeUnderTest(UnderTest):
             self.neighbour = replace(self.neighbour, state=state, epoch=epoch, digest=digest)
 
     def flies(self, part: Slice = EVERYTHING, epoch: int = 17, digest: int = 0x111111) -> "PeUnderTest":
-        """Let the PE run a configuration; gives this."""
+        """Let the PE run a configuration; gives this object."""
         self.prepare(epoch, part, digest)
         self.run(15)
         self.activate(epoch, Step.GO_ALL, digest)
@@ -305,7 +305,7 @@ class PeUnderTest(UnderTest):
         return self
 
     def pinged(self) -> StatePage0:
-        """Send PING; gives page 0 of the answer, which must be immediate."""
+        """Send PING; gives page 0 of the answer, which must come immediately."""
         began_ns = self.now_ns
         self.main.command(Ping(self.term, NODE, 0), manager=self.manager)
         self.run(1.5)
@@ -316,36 +316,36 @@ class PeUnderTest(UnderTest):
     # What the PE sends
 
     def pages(self, since_ns: int, player: Player | None = None) -> list[tuple[int, object]]:
-        """Every page of its state, with its time."""
+        """Give every page of the PE's state, with its time."""
         heard = (player or self.main).since(since_ns, [state_id(NODE)])
         return [(t_ns, decode_state(frame.data)) for t_ns, frame in heard]
 
     def pages_0(self, since_ns: int, player: Player | None = None) -> list[tuple[int, StatePage0]]:
-        """Its pages 0."""
+        """Give the PE's pages 0."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns, player) if isinstance(page, StatePage0)]
 
     def pages_1(self, since_ns: int, player: Player | None = None) -> list[tuple[int, StatePage1]]:
-        """Its pages 1."""
+        """Give the PE's pages 1."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns, player) if isinstance(page, StatePage1)]
 
     def pages_2(self, since_ns: int) -> list[tuple[int, StatePage2]]:
-        """Its pages 2."""
+        """Give the PE's pages 2."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns) if isinstance(page, StatePage2)]
 
     def pages_3(self, since_ns: int) -> list[tuple[int, StatePage3]]:
-        """Its pages 3."""
+        """Give the PE's pages 3."""
         return [(t_ns, page) for t_ns, page in self.pages(since_ns) if isinstance(page, StatePage3)]
 
     def page_0(self) -> StatePage0:
-        """The last page 0 that it has sent."""
+        """Give the last page 0 that the PE has sent."""
         return self.pages_0(-1)[-1][1]
 
     def page_1(self) -> StatePage1:
-        """The last page 1 that it has sent."""
+        """Give the last page 1 that the PE has sent."""
         return self.pages_1(-1)[-1][1]
 
     def data(self, identifier: int, since_ns: int, player: Player | None = None) -> list[tuple[int, Datum]]:
-        """Data under an identifier."""
+        """Give the data frames under an identifier."""
         found = []
         for t_ns, frame in (player or self.main).since(since_ns, [identifier]):
             datum = decode_data(frame)
@@ -354,11 +354,11 @@ class PeUnderTest(UnderTest):
         return found
 
     def echoes(self, since_ns: int) -> list[tuple[int, Datum]]:
-        """Its output echoes."""
+        """Give the PE's output echoes."""
         return self.data(actuator_echo_id(NODE), since_ns)
 
     def emergencies(self, since_ns: int) -> list[tuple[int, Emergency]]:
-        """Every EMCY of it."""
+        """Give every EMCY of the PE."""
         found = []
         for t_ns, frame in self.main.since(since_ns, [emcy_id(NODE)]):
             said = decode_emergency(frame.data)
@@ -367,7 +367,7 @@ class PeUnderTest(UnderTest):
         return found
 
     def object(self, index: int, sub_index: int = 0) -> int:
-        """A number of its object dictionary, of up to four bytes."""
+        """Read a number of the PE's object dictionary, of up to four bytes."""
         began_ns = self.now_ns
         self.main.say(Frame(sdo_request_id(NODE), with_data(UPLOAD, index, sub_index)))
         self.run(6)
@@ -378,12 +378,12 @@ class PeUnderTest(UnderTest):
         return int.from_bytes(data[4 : 8 - (data[0] >> 2 & 3)], "little")
 
     def notes(self, kind: str) -> list[str]:
-        """Texts of its notes of a kind."""
+        """Give the texts of the PE's notes of a kind."""
         return [text for one, text in self.pe.notes if one == kind]
 
     @property
     def counted(self) -> int:
-        """Number of malformed and refused frames, as its object dictionary gives it."""
+        """Give the number of malformed and refused frames, as the PE's object dictionary has it."""
         return self.object(COUNTERS, 1)
 
     # Demands
@@ -395,23 +395,23 @@ class PeUnderTest(UnderTest):
         equal(told, [(epoch, digest, reason)], "pages 1 name (epoch, digest, reason)")
 
     def says_nothing_of_it(self, since_ns: int) -> None:
-        """Demand no page 1 out of turn."""
+        """Demand that the PE sends no page 1 out of turn."""
         equal([page for _, page in self.pages_1(since_ns)], [], "pages 1")
 
 
 def datum(identifier: int, value: float, *, node: int = NEIGHBOUR, version: int = 1, code: int = 0) -> Frame:
-    """A FLOAT datum of another node."""
+    """Give a FLOAT datum of another node."""
     status = pack_status(Status(version, Validity.VALID))
     return encode_data(identifier, Datum(node, DataType.FLOAT, status, code, value))
 
 
 def gaps(times: Sequence[int]) -> list[int]:
-    """Differences between successive times."""
+    """Give the differences between successive times."""
     return [later - earlier for earlier, later in pairwise(times)]
 
 
 def moments(heard: Sequence[tuple[int, object]]) -> list[int]:
-    """Times of frames."""
+    """Give the times of frames."""
     return [one[0] for one in heard]
 
 

@@ -15,7 +15,7 @@ from lab.peers import command_frame
 
 MS = 1_000_000
 SOON_NS = 1_500_000
-"""Within which an answer is immediate: the longest frame and some that are more urgent, at 500 kbit/s and more."""
+"""An answer is immediate within this time: the longest frame and some that are more urgent, at 500 kbit/s and more."""
 
 
 _digests: list[FrameDigest] = [FrameDigest()]  # the last one is that of the present test
@@ -28,7 +28,7 @@ def begin() -> FrameDigest:
 
 
 class ConformanceError(AssertionError):
-    """A node does not conform to the protocol; the message tells in what."""
+    """A node does not conform to the protocol; the message says how."""
 
 
 class Heard(NamedTuple):
@@ -63,7 +63,7 @@ class Player:
             self.say(frame, *([] if tag is None else [tag]))
 
     def since(self, t_ns: int, identifiers: Iterable[int]) -> list[Heard]:
-        """Frames of the node under test under some identifiers after a moment."""
+        """Give the frames of the node under test under some identifiers after a moment."""
         wanted = set(identifiers)
         return [one for one in self.heard if one.t_ns > t_ns and one.frame.can_id in wanted]
 
@@ -84,7 +84,7 @@ class UnderTest:
 
     @property
     def now_ns(self) -> int:
-        """Virtual time, in ns."""
+        """Give the virtual time, in ns."""
         return self.clock.now_ns
 
     def run(self, ms: float) -> int:

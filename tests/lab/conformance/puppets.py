@@ -1,4 +1,4 @@
-"""The modules of a PE under test: each does in its step what the conformance test has set."""
+"""The modules of a PE under test: in its step each module does what the conformance test has set."""
 
 from collections.abc import Callable, Mapping
 
@@ -103,7 +103,7 @@ def raising(_ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
 
 
 def once(behaviour: Behaviour) -> Behaviour:
-    """Behave so in the next step alone."""
+    """Behave in this way in the next step alone."""
 
     def step(ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
         BEHAVIOUR.pop(ctx.module)

@@ -74,7 +74,7 @@ _OPERATIONS = tuple(Operation)
 
 
 class _Pe(SteppedCore[Event, Action]):
-    """One core, its time, and the commands that a true manager could send it."""
+    """One core, its time, and the commands that a true manager could send to it."""
 
     def __init__(self, spec: str, pe: str, key: Key | None) -> None:
         self.table, self._slices = _prepared(spec, pe)
@@ -162,7 +162,7 @@ class _Pe(SteppedCore[Event, Action]):
                 return [Control(term, node * story.number(2), operation, story.number(5), story.number(1 << 16))]
 
     def _answer(self, story: Story) -> None:
-        """Let a module end a step, with correct outputs or others."""
+        """Let a module end a step, with correct outputs or wrong ones."""
         if not self._steps:
             return
         module, release = self._steps.pop()
@@ -287,7 +287,7 @@ def _transfers() -> list[bytes]:
 
 
 def _table_is_given() -> list[bytes]:
-    """Give a story in which a manager speaks, unlocks the node, and a table is begun to be written and read."""
+    """Give a story in which a manager sends, unlocks the node, and a client begins to write and to read a table."""
     unlocks = bytes((1, 4))
     begins = [bytes((2, *bytes.fromhex(text))) for text in ("2120200009000000", "c620200009000000", "4020200000000000")]
     return [unlocks * 3 + begin + bytes((3, 0)) + bytes(7) for begin in begins]

@@ -1,8 +1,8 @@
 """Every decoder of bytes that another program may have written: from a bus, a socket, a file or another process.
 
-Bad bytes give a value, or an error of the one kind that is caught here. Where a decoded value can be encoded again, it
-is, and must decode to the same value. Left out: netlink (`can_interface`), which the kernel alone writes, and orders to
-a partition, which its own agent writes.
+Malformed bytes give a value, or an error of the one kind that is caught here. A decoded value that can be encoded again
+is encoded, and must decode to the same value. Left out are netlink (`can_interface`), which only the kernel writes, and
+orders to a partition, which only its own agent writes.
 """
 
 import hashlib
@@ -169,7 +169,7 @@ def _frame(data: bytes) -> None:
 
 
 def _comes_back(frame: Frame, datum: Datum) -> None:
-    """Check that a datum of a known type is written as it was read; of an unknown type only that it is unknown."""
+    """Check that a datum of a known type is written as it was read, and that an unknown type is reported as unknown."""
     is_number = not (isinstance(datum.value, float) and math.isnan(datum.value))
     if isinstance(datum.data_type, DataType) and is_number:
         same(frame.data, encode_data(frame.can_id, datum).data)
@@ -201,7 +201,7 @@ def _block(data: bytes) -> None:
 
 
 def _table(data: bytes) -> None:
-    """Read a table; a node must start with an accepted one, and run for some periods."""
+    """Read a table; an accepted table must let a node start, and run for some periods."""
     try:
         read = PeTable.from_json(data.decode())
         TableIndex(read)
@@ -260,7 +260,7 @@ def _plan(data: bytes) -> None:
 
 
 def _journal(data: bytes) -> None:
-    """Read the lines as they are, and with correct checksums."""
+    """Read the lines as they are, and with corrected checksums."""
     lines = (line.partition(b" ")[2] for line in data.split(b"\n"))
     for text in (data, b"".join(b"%08x %s\n" % (zlib.crc32(line), line) for line in lines)):
         memory, _ = recovered(text)

@@ -66,7 +66,7 @@ def draw(checkout: Path, seed: int, count: int) -> list[Mutant]:
 
 
 def _first_flights(trials: Trials) -> str | None:
-    """Fly without a mutant; gives the first failure."""
+    """Fly every flight without a mutant; gives the first failure."""
     with Progress() as progress:
         progress.begin("flights without a mutant", len(trials.flights))
         for baseline in trials.baselines():

@@ -1,9 +1,10 @@
-"""Which files are cores, which decide in flight, and which are the codec of their frames. All tools use this list.
+"""The files of the cores, which decide in flight, and of the codec of their frames. All tools use this list.
 
     python -m lab.mutation.flight_code     their files, joined by commas, for `coverage report --include`
 
 Tests run every branch of these files (`make coverage` fails otherwise), and mutants are drawn from the cores. A core is
-every file in a folder `core`; of the wire, which is one folder, the codec is listed. A test keeps the list complete.
+every file in a folder `core`; the files of the codec, which share a folder with others, are listed by name. A test
+keeps the list complete.
 """
 
 from collections.abc import Iterator

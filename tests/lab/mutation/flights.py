@@ -1,10 +1,10 @@
-"""The flights that every mutant has to pass: each is a command that reports itself whether it went well.
+"""The flights that every mutant has to pass; each is a command that reports by itself whether it went well.
 
     conformance   one real node alone, with the rest of the aircraft played by the test
     scenario      every file of tests/scenarios: its expectations, its golden trace, and all oracles
     sim           flights whose faults are drawn from a seed: the oracles alone
 
-The flight code is imported late, in the process that flies it: it may have a defect.
+The process that flies a flight imports the flight code late, since that code may have a defect.
 """
 
 from collections.abc import Iterator

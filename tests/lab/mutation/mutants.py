@@ -92,7 +92,7 @@ def compiles(mutant: Mutant, source: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where the walk is: lines of the statement, and the function, as Class.function."""
+    """The place of the walk: lines of the statement, and the function, as Class.function."""
 
     first_line: int = 1
     last_line: int = 1
@@ -163,7 +163,7 @@ class _Finder:
             yield self._replaced(node, "pass", "deletion")
 
     def _means_none(self, value: ast.expr | None) -> bool:
-        """Tell whether the caller of the function makes no difference between this value and None."""
+        """Tell whether the caller of the function treats this value and None alike."""
         is_no = isinstance(value, ast.Constant) and value.value is False
         return value is None or _is_none(value) or (is_no and self._place.answers)
 

@@ -45,7 +45,7 @@ _Partitions = dict[int, tuple[int, str]]  # by process number: name of the PE, n
 
 
 class Campaign:
-    """One flight and its injected faults."""
+    """One flight, and the faults injected into it."""
 
     def __init__(self, spec: Spec, fleet: Fleet, stream: EventStream, random: Random) -> None:
         self._fleet, self._stream, self._random = fleet, stream, random
@@ -142,7 +142,7 @@ class Campaign:
         return _UNANSWERED
 
     def _told_of(self, pe: str, name: str, events: list[dict[str, Any]]) -> set[str]:
-        """Give the kinds of a PE's events about modules of a partition."""
+        """Give the kinds of a PE's events about the modules of a partition."""
         return {
             event["event"]
             for event in events
@@ -151,7 +151,7 @@ class Campaign:
         }
 
     def _became_of(self, victim: int, pe: str, name: str, told: set[str]) -> str | None:
-        """Give the outcome of a fault in a partition; None while there is none yet."""
+        """Give the outcome of a fault in a partition; None while there is no outcome yet."""
         if not told:
             if self._works(pe, name) and pe in self._available:
                 return None
@@ -224,7 +224,7 @@ class Campaign:
                 pass
 
     def _partitions(self) -> _Partitions:
-        """Give every partition that lives."""
+        """Give every living partition."""
         agents = set(self._agents.values())
         found = {}
         for folder in Path("/proc").iterdir():

@@ -31,7 +31,7 @@ class Declared:
 
 @dataclass(slots=True)
 class _Count:
-    """A PE's reports of a module that failed: the count, and the times of the first and the last report of it."""
+    """A PE's reports of a failed module: the count, and the times of the first and the last report of that count."""
 
     times: int
     since_s: float
@@ -70,7 +70,7 @@ class DeclaredOracle:
 
     @staticmethod
     def _is_told_again(count: _Count | None, times: int, now_s: float) -> bool:
-        """Tell whether this report repeats the last one, whose acknowledgement has not arrived."""
+        """Tell whether this report repeats the last one, because its acknowledgement has not arrived."""
         if count is None or count.times != times or now_s - count.until_s > _DELAY_S:
             return False
         count.until_s = now_s

@@ -1,4 +1,4 @@
-"""An aircraft that never flew: a spec composed of the blocks that aircraft are made of.
+"""Specs of drawn aircraft, composed of the blocks that aircraft are made of.
 
     control loop   two sensors of unlike quality, an estimator, a controller with feedback, two servos behind a DEMUX
     voting         three sensors, a voter (two of three, or exactly one), an annunciator
@@ -7,12 +7,12 @@
     monitor        reads the data there are, as optional inputs
 
 Two buses are joined by one gateway. PEs come in three kinds, so that many are equal. Sensors and servos are bolted to
-PEs; programs run where there is room (some ask for a feature, or are bound to a few PEs).
+PEs; programs run where there is room (some require a feature, or are bound to a few PEs).
 
-CPU and memory are drawn as weights and scaled at the end. CPU adds up to `work` times what there is, over all modules
-in their best modes: at 1.05 not everything runs in its best mode, at 1.5 much cannot run. RAM and flash add up to
-half of what there is. The buses could carry two thirds of all data, and a heartbeat is as long as it takes for what
-manages the buses to fit into its reserve; still a few data cannot be in time wherever they are wanted.
+CPU and memory are drawn as weights and scaled at the end. The CPU of all modules in their best modes adds up to `work`
+times the CPU of all PEs: at 1.05 some modules cannot run in their best mode, at 1.5 many cannot run. RAM and flash add
+up to half of what the PEs have. The buses could carry two thirds of all data. The heartbeat period is the shortest with
+which management fits into the reserve of the buses; a few data still miss their deadlines wherever they are wanted.
 """
 
 import random
@@ -91,7 +91,7 @@ class Aircraft:
     _drawn: Counter[str] = field(default_factory=Counter)  # blocks so far, by kind
 
     def document(self, work: float) -> Fields:
-        """Draw everything; gives the spec as the content of its file."""
+        """Draw the aircraft; gives the spec as the content of its file."""
         for number in range(self.pe_count):
             self._kinds[f"pe{number:02}"] = _KINDS[(0, 1, 2, 0, 1, 0, 1, 2)[number % 8]]
         blocks = self._blocks()
@@ -245,7 +245,7 @@ class Aircraft:
         self._function(name, "payload", f"{name}_recorder")
 
     def _second(self, name: str, state: str) -> None:
-        """Estimate once more, from less: worse than the best, and never on the same PE."""
+        """Draw a second estimate of a state, from less: worse than the best, and never on the same PE."""
         self._seconds.add(state)
         needs: Needs = _optional(others) if (others := self._some_states(2, before=state)) else None
         self._modules[name] = _Module([_Mode(needs, {state: 2}, self.rng.uniform(1, 3), 10)])
@@ -269,7 +269,7 @@ class Aircraft:
         return name
 
     def _some_states(self, most: int, before: str | None = None) -> list[str]:
-        """Pick states to read; only those that were there before another one, so that no cycle comes to be."""
+        """Pick states to read; only states that were drawn before another one, so that no cycle is possible."""
         known = list(self._states)
         known = known[: known.index(before)] if before is not None else known
         return self.rng.sample(known, min(len(known), self.rng.randint(1, most)))
@@ -301,7 +301,7 @@ class Aircraft:
     # Scale
 
     def _scaled(self, work: float) -> Fields:
-        """Turn weights into thousandths of a core and bytes: all modules together take their share of what there is."""
+        """Turn weights into thousandths of a core and bytes, scaled to the PEs."""
         modules, kinds = list(self._modules.values()), list(self._kinds.values())
         cpu = work * sum(kind.cpu_millis for kind in kinds) / sum(module.modes[0].cpu for module in modules)
         heavy = [self.rng.uniform(0.5, 1.5) * module.modes[0].cpu for module in modules]
@@ -320,7 +320,7 @@ def _optional(variables: Sequence[str]) -> Fields:
 
 
 def _written(module: _Module, cpu: float, ram: int, flash: int) -> Fields:
-    """Write a module as its file would; a cheaper mode takes less memory as well."""
+    """Write a module as a spec has it; a cheaper mode takes less memory as well."""
     best = module.modes[0].cpu
     modes = {
         f"mode{number}": {

@@ -215,7 +215,7 @@ class Milp:
         yield sorted(worth.items())
 
     def _serving(self, function: Function) -> dict[int, int]:
-        """Variables of which one is 1 when a wanted function is served, each with the value it is served with."""
+        """Give variables of which one is 1 when a wanted function is served, each with the value of that service."""
         wanted = function.priority_in(self.possible.phase) > 0
         modules = [self.possible.spec.modules[output] for output in function.outputs if wanted]
         return {

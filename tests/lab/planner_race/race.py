@@ -2,11 +2,11 @@
 
 Each fault gives two comparisons. *Levels 1 and 2*: which contender serves the most critical functions and the highest
 utility, with a proof, and in what time? *All levels*: how long does the whole plan take, and which levels are proven
-within the effort? These figures are in two groups, by the work for the CPU that a fault leaves: the loss of a PE, or of
-a bus with all PEs behind it, may overload an aircraft that was not.
+within the effort? The figures are in two groups, by the load of the CPUs after the fault: the loss of a PE, or of a bus
+with all PEs behind it, may overload an aircraft that was not overloaded before.
 
-Time is CPU time of one core, from the request to the plan: the planner has its facts of the spec, as in flight, and its
-time contains building the model. Every result is scored by the same code; the verifier checks every plan.
+Time is CPU time of one core, from the request to the plan, including the building of the model; the planner has its
+facts of the spec before, as in flight. Every result is scored by the same code; the verifier checks every plan.
 """
 
 import time
@@ -126,14 +126,14 @@ def _questions(size: Size, cases: int, seed: int) -> Iterator[tuple[Spec, Planne
 
 
 def work_after(spec: Spec, now: Situation) -> float:
-    """Give the CPU of every module in its best mode, as a share of the CPU that is left."""
+    """Give the CPU of every module in its best mode, as a share of the CPU that a fault leaves."""
     left = sum(survivors(spec, now).pe_cpu_millis.values())
     wanted = sum(next(iter(module.modes.values())).cpu_millis for module in spec.modules.values())
     return wanted / left if left else float("inf")
 
 
 def _serve(race: Race, spec: Spec, planner: Planner, case: FaultCase, solvers: dict[str, Solver]) -> None:
-    """Compare levels 1 and 2 alone."""
+    """Compare planner, greedy planner and solvers on levels 1 and 2."""
     start = time.process_time()
     greedy = planner.immediate(case.now, case.running)
     _note(race, "greedy", time.process_time() - start, greedy.objective.key(), proven=False)
@@ -160,7 +160,7 @@ def _note(race: Race, name: str, seconds: float, key: tuple[int, ...], *, proven
 
 
 def _plan(race: Race, spec: Spec, planner: Planner, case: FaultCase, effort: float) -> None:
-    """Plan all levels."""
+    """Measure the planner on all levels."""
     entry = race.plans if work_after(spec, case.now) <= FULL else race.overloaded
     start = time.process_time()
     plan = planner.plan(case.now, case.running, effort=effort)

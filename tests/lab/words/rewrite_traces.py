@@ -1,13 +1,13 @@
-"""Golden traces of an earlier commit, rewritten in the sentences of this one: only words have changed, no decision.
+"""Golden traces of an earlier commit, rewritten with the sentences of this one: only words have changed, no decision.
 
-`sentences.tsv` has one row for each sentence that became another one: old, tab, new, with `{name}` for what is filled
-in: one word, or at the end of a row the rest of the line. A row applies to whole lines, and every line goes through all
-rows from the first to the last. Rows of two file names are golden traces that were renamed.
+`sentences.tsv` has one row for each changed sentence: old, tab, new. `{name}` stands for what is filled in: one word,
+or at the end of a row the rest of the line. A row applies to whole lines, and every line goes through all rows from the
+first to the last. A row of two file names means that a golden trace was renamed.
 
     python -m lab.words.rewrite_traces 66bc6f2
 
-prints the traces of this checkout that are not those of the commit, rewritten; with `--write` it writes those. Exit
-codes: 0 there are none; 1 there are some.
+prints the traces of this checkout that differ from the rewritten ones; `--write` replaces them. Exit codes: 0 there are
+none; 1 there are some.
 """
 
 import argparse
@@ -34,7 +34,7 @@ class Sentence(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """What the table says: sentences in its order, and new names of files by old ones."""
+    """The table: sentences in its order, and new names of files by old ones."""
 
     sentences: tuple[Sentence, ...]
     names: dict[str, str]

@@ -1,16 +1,16 @@
 """The plans made ahead with which an aircraft flies: those of a file, those for every single fault, or none.
 
-The manager calls a contingency by its number, and a PE has its slice of it on board (protocol rule 5): the tables and
-the manager must have the same plans. A file names them. Where none is named, tables and manager are given those for
-every single fault, in the phases that the spec's `contingency` names. Same spec, same planner, same processor
-architecture: same plans, so the two may sit on different computers. Where they do come out differently, the digest in
-PREPARE is another one, the PE answers that it has no such contingency, and gets its slice: no PE runs another
-configuration than the manager means.
+The manager commands a contingency by its number, and a PE has its slice of that contingency on board (protocol rule 5).
+So the tables and the manager need the same plans. The user may name a file of them. Else tables and manager use the
+plans for every single fault, in the phases that the spec's `contingency` names. The same spec, planner and processor
+architecture give the same plans, so tables and manager may be made on different computers. Where the plans differ all
+the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on board, and the
+manager sends the slice. So no PE runs another configuration than the manager means.
 
-They are made once, when they are needed first, and kept in the user's cache under the digests of the spec and of the
-planner; so a manager that starts again in flight finds them. Only one process makes them (a lock), the next run
-continues a killed one (`contingency.journal`), a file is written whole or not at all, and one that is damaged is made
-anew. Where they cannot be made or kept, a message tells so, and nothing is planned ahead: the system flies without.
+The plans are made when they are first needed, and kept in the user's cache under the digests of the spec and of the
+planner, so that a manager that starts again in flight finds them. One process makes them (a lock), and the next one
+continues the work of a killed one (`contingency.journal`). The file is written whole or not at all, and a damaged file
+is made anew. Where the plans cannot be made or kept, a message says so, and the system flies without them.
 """
 
 import argparse
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_manager.contingency.contingencies import Contingencies
 
-SINGLE_FAULTS_KEPT: Final = "those for every single fault, made when they are needed first, and kept"
+SINGLE_FAULTS_KEPT: Final = "the plans for every single fault, made once and kept in the user's cache"
 _FAULTS: Final = 1
-_QUESTIONS_FOR_A_CREW: Final = 100  # for fewer, this process is done before worker processes have started
+_QUESTIONS_FOR_A_CREW: Final = 100  # fewer are planned before worker processes have started
 
 
 class Ahead(Enum):
-    """What is made ahead where no file is named."""
+    """What is planned ahead where the user names no file."""
 
     SINGLE_FAULTS = "the plans for every single fault"
     NOTHING = "none"
@@ -45,12 +45,12 @@ class Ahead(Enum):
 
 Source = Path | Ahead
 
-CARRIED = "as many as fit go on board; the manager must be given the same"
+CARRIED = "a PE has as many on board as fit; give the manager the same plans"
 """The help text on the plans' purpose, for commands that compile tables."""
 
 
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
-    """Add --contingencies; `what` the plans are for, and which are the default."""
+    """Add --contingencies; its help says what the plans are for (`what`), and which are the default."""
     parser.add_argument(
         "--contingencies",
         type=_source,
@@ -67,10 +67,10 @@ def _source(text: str) -> Source:
 def contingencies_of(
     spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None
 ) -> "Contingencies | None":
-    """Plans made ahead for a spec, made now if needed; None where none are wanted, or none can be made.
+    """Give the plans made ahead for a spec, made now if needed; None where none are wanted, or none can be made.
 
-    before_making: called before the work of minutes; it may raise an error that is known by then.
-    Raises ContingencyFileError for a file that is not of this spec, OSError for one that cannot be read.
+    before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
+    Raises ContingencyFileError for a file that is not of this spec, OSError for a file that cannot be read.
     """
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
 
@@ -101,18 +101,18 @@ def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Continge
 
 
 def _say(sentence: str) -> None:
-    with suppress(OSError):  # with a full disk under the log the flight goes on
+    with suppress(OSError):  # a full disk under the log must not end the flight
         print(f"heronry: {sentence}", file=sys.stderr)
 
 
 def _kept_in(spec: "Spec", solver: str) -> Path:
-    """File of the plans of a spec, named by all that they depend on."""
+    """Give the file of the plans of a spec; its name has a digest of all that the plans depend on."""
     digest = digest_of(f"{spec.digest} ortools {solver} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 
 
 def _planner() -> Iterator[tuple[str, Path]]:
-    """Sources that a plan depends on, and the file's format."""
+    """Yield the source files on which a plan and the format of its file depend, each with its name."""
     import heronry_dg  # noqa: PLC0415
     import heronry_manager  # noqa: PLC0415
 
@@ -131,7 +131,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
 
 
 def _made(spec: "Spec", file: Path) -> "Contingencies":
-    """Make the file, unless another process has made it while this one waited."""
+    """Make the file, unless another process has made it while this process waited."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
         try:

@@ -20,19 +20,20 @@ if TYPE_CHECKING:
     from heronry_manager.bounds.reconfiguration_bound import Bound, Case
     from heronry_tools.console.text_tables import Cell
 
-_EPILOG = r"""\ The sum runs from the fault, or from the report of a module, to the moment at which every PE on a wire
-does what the new plan wants. Every single fault is planned, as the manager would plan it; each class shows its worst
-element, for each bus on which PEs report, since each bus has its own heartbeat period.
+_EPILOG = """\
+The sum runs from the fault, or from the report of a module, to the moment at which every PE on a wired bus does what
+the new plan wants. Each single fault is planned as the manager would plan it. The table has the worst element of each
+class of faults, once for each bus on which PEs report, since each bus has its own heartbeat period.
 
-detect, distribute and activate are bounds: from the same analysis of the buses as 'heronry bus', the slices of each
-plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and leave out
-how late an operating system runs a process. decide is measured on this computer, over all these plans: the planner has
-no deadline. A plan made ahead, as for every single fault, is looked up in microseconds: --decide 0.1 stands for that.
+detect, distribute and activate are bounds. They follow from the response times that 'heronry bus' shows, the slices of
+each plan, and the spec's heartbeat_ms and misses. They hold for one fault at a time and without lost frames, and leave
+out delays by the operating system. decide is measured: the longest time that one of these plans took on this computer,
+since the planner has no deadline. A plan made ahead is looked up in microseconds: --decide 0.1 stands for that.
 
 examples:
   heronry bound elevator_and_chute                every class of faults, with its worst element
   heronry bound big_blue --phase glide --json     every element, for other tools
-  heronry bound big_blue --decide 0.1             if plans are looked up
+  heronry bound big_blue --decide 0.1             if the plans are made ahead
 """
 
 
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _milliseconds(text: str) -> int:
-    """Read a time; argparse tells the name of this function to the user."""
+    """Read a time in milliseconds; gives ns. argparse shows the name of this function to the user."""
     duration = float(text)
     if not 0 <= duration <= 3_600_000:
         raise argparse.ArgumentTypeError(
@@ -113,7 +114,7 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
 
 
 def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
-    """The worst element of each class, by the bus on which it shows: each bus has its own heartbeat period."""
+    """Give the worst bound of each class of faults, once for each bus on which PEs report."""
     worst: dict[str, Bound] = {}
     for bound in (one for one in bounds if not one.is_hopeless):
         known = worst.get(_named(bound))

@@ -1,6 +1,7 @@
 """`heronry bus`: every message of a plan on every bus, with its worst-case response time.
 
-Exit codes: 0 every deadline is met and every budget kept; 1 one is not; 2 the input cannot be used.
+Exit codes: 0 every deadline is met and every budget kept; 1 a deadline is missed or a budget exceeded; 2 the input
+cannot be used.
 """
 
 import argparse
@@ -16,16 +17,17 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_dg.situation import Situation
 
-_EPILOG = r"""\ Without --plan the command shows the best plan for the situation. With --plan it shows that plan, in the
-plan's own situation where no option gives another. A plan that overloads a bus can be shown; one whose wires lead
-nowhere cannot.
+_EPILOG = """\
+Without --plan the command shows the best plan for the situation. With --plan it shows that plan, in the situation that
+the plan names, unless options give another one. A plan that overloads a bus can be shown; a plan with a module that
+runs nowhere, or with a wire between modules that do not run, cannot.
 
 examples:
   heronry bus big_blue                            all that is on its buses while everything works
   heronry bus big_blue --phase glide --bus can0   one bus, in another phase
   heronry bus big_blue --down pe:nav              ... once the navigation computer is gone
   heronry plan big_blue --json >plan.json
-  heronry bus big_blue --plan plan.json --json    of a plan that was kept, for other tools
+  heronry bus big_blue --plan plan.json --json    the same for a saved plan, for other tools
 """
 
 
@@ -41,10 +43,10 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
+    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="share that is left of a capacity")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-    parser.add_argument("--bus", metavar="NAME", help="one bus alone")
-    parser.add_argument("--json", action="store_true", help="write it as JSON")
+    parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
+    parser.add_argument("--json", action="store_true", help="write the messages as JSON")
     parser.set_defaults(run=run)
 
 
@@ -97,5 +99,5 @@ def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Con
         now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
-            raise UserError(f"{arguments.plan}: {violation}; the messages of such a plan are not defined")
+            raise UserError(f"{arguments.plan}: {violation}; the messages of such a plan are not defined: correct it")
     return now, configuration

@@ -12,7 +12,8 @@ from typing import Any
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
 from heronry_tools.console.errors import UserError
 
-_EPILOG = r"""\ A function is lost when the best plan does not serve it: because no plan can, or because the remaining
+_EPILOG = """\
+A function is lost when the best plan does not serve it: because no plan can, or because the remaining
 resources go to a more important function. Likelihoods come from the spec's rate_per_h, to first order.
 
 examples:
@@ -43,12 +44,12 @@ def add_parsers(subparsers: Any) -> None:
         help="a class or function that must survive any N faults; may be repeated; exit code 1 where one does not",
     )
     parser.add_argument("--json", action="store_true", help="write the result as JSON")
-    parser.add_argument("--html", metavar="FILE", type=Path, help="write a page with pictures, too")
+    parser.add_argument("--html", metavar="FILE", type=Path, help="also write a page with pictures")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sweep and report; returns the exit code."""
+    """Plan for every set of faults, and report; returns the exit code."""
     from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415 - loads the solver
     from heronry_tools.analysis.campaign.page import html_page  # noqa: PLC0415
     from heronry_tools.analysis.campaign.report import json_report, text_report  # noqa: PLC0415

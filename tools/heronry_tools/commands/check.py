@@ -1,6 +1,6 @@
 """`heronry check`: checks specs as a linter checks code, for editors, hooks and CI.
 
-Exit codes: 0 no errors (warnings may be there), 1 errors, 2 the command line cannot be used, 3 a defect of heronry.
+Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 the command line cannot be used, 3 a defect of heronry.
 With --strict a warning is an error.
 """
 
@@ -26,11 +26,11 @@ _STDIN: Final = "<stdin>"
 _EPILOG: Final = """\
 examples:
   heronry check                                  every *.dg.yaml below this folder
-  heronry check --fast my.dg.yaml                without the families that solve: for editors and hooks
+  heronry check --fast my.dg.yaml                without the rules that need a solver: for editors and hooks
   heronry check specs/ --strict                  warnings fail, too
   heronry check specs/ --quiet                   errors only; warnings are counted
-  heronry check --select DG2,DG4 --ignore DG240  some families, but for one code
-  heronry check --error DG401 my.dg.yaml         this warning is an error
+  heronry check --select DG2,DG4 --ignore DG240  two families, without one code
+  heronry check --error DG401 my.dg.yaml         this warning counts as an error
   heronry check -o findings.sarif --output-format sarif
   heronry rules                                  all codes; heronry explain DG203 explains one
 
@@ -51,11 +51,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "paths", metavar="PATH", nargs="*", default=["."], help="a spec, a folder of specs, or - for standard input"
     )
-    parser.add_argument("--fast", action="store_true", help="only the families that need no solver")
-    parser.add_argument("--select", metavar="CODES", type=_codes, default=["DG"], help="only these, as DG2,DG401")
-    parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="all but these")
-    parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="these warnings are errors")
-    parser.add_argument("--strict", action="store_true", help="all warnings are errors")
+    parser.add_argument("--fast", action="store_true", help="check only the rules that need no solver")
+    parser.add_argument(
+        "--select", metavar="CODES", type=_codes, default=["DG"], help="check only these, for example DG2,DG401"
+    )
+    parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="leave out these codes")
+    parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="count these warnings as errors")
+    parser.add_argument("--strict", action="store_true", help="count all warnings as errors")
     parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
     parser.add_argument(
         "--output-format", choices=_FORMATS, help="default: github where GITHUB_ACTIONS is set, full elsewhere"
@@ -67,7 +69,7 @@ def add_parsers(subparsers: Any) -> None:
 def _codes(text: str) -> list[str]:
     codes = [code.strip() for code in text.split(",")]
     if not all(codes):
-        raise argparse.ArgumentTypeError("write codes or beginnings of codes, as DG2,DG401")
+        raise argparse.ArgumentTypeError("write codes or beginnings of codes, for example DG2,DG401")
     return codes
 
 
@@ -79,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _a_short_life() -> Iterator[None]:
-    """Switch the garbage collector off until the process ends: it took a sixth of the time of a fast check."""
+    """Switch the garbage collector off for the rest of this process: it took a sixth of the time of a fast check."""
     gc.disable()
     try:
         yield
@@ -104,7 +106,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _DefectError(Exception):
-    """A defect of heronry: neither findings nor a UserError."""
+    """A defect of heronry that stopped a check; its message is one sentence."""
 
 
 def _choice(arguments: argparse.Namespace) -> "Choice":
@@ -126,7 +128,7 @@ def _choice(arguments: argparse.Namespace) -> "Choice":
 
 
 def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
-    """Name and path of each file, each once; no path for standard input."""
+    """Give the name and path of each file to check, each file once; the path of standard input is None."""
     found: dict[str, Path | None] = {}
     for text in paths:
         path = Path(text)
@@ -153,7 +155,7 @@ def _specs_below(folder: Path) -> list[Path]:
 
 
 def _shipped(text: str) -> Path | None:
-    """A shipped spec, where the text is the name of one and no file of that name is there."""
+    """Give the path of the shipped spec of this name; None for other names, and where a file has this name."""
     from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
 
     return shipped_spec_path(text) if not Path(text).exists() and text in shipped_spec_names() else None
@@ -176,14 +178,14 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
 
 @contextmanager
 def _defects_of(what: str) -> Iterator[None]:
-    """Turn any exception inside into one sentence."""
+    """Turn an exception of the block into a UserError (a package is missing) or a _DefectError, each one sentence."""
     try:
         yield
     except HeronryError:
         raise
     except ModuleNotFoundError as missing:
         hint = "install heronry[manager], or use --fast"
-        raise UserError(f"the families that solve need {missing.name}: {hint}") from missing
+        raise UserError(f"the rules that need a solver need {missing.name}, too: {hint}") from missing
     except Exception as error:
         trace = traceback.extract_tb(error.__traceback__)[-1]
         said = f"the check itself failed ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"
@@ -191,7 +193,7 @@ def _defects_of(what: str) -> Iterator[None]:
 
 
 def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
-    """The findings to report: all, or errors only."""
+    """Give the findings to report: all, or errors only."""
     return [one.errors_alone() for one in assessed] if quiet else assessed
 
 

@@ -1,6 +1,6 @@
-"""`heronry contingencies`: the plan for every fault there could be, made ahead and kept in one file.
+"""`heronry contingencies`: a plan for every set of faults, made ahead and kept in one file.
 
-Exit codes: 0 the file was written, or every entry of it is correct; 1 an entry is not; 2 the input cannot be used.
+Exit codes: 0 the file was written, or every entry of it is correct; 1 an entry is wrong; 2 the input cannot be used.
 """
 
 import argparse
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_tools.analysis.campaign.sweeping import Written
 
-_EPILOG = r"""\ Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan
-assumes that the phase's fault-free plan runs. A run that is stopped or killed leaves FILE.partial, and the same command
-continues from it.
+_EPILOG = """\
+Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan assumes that the
+phase's fault-free plan runs when the faults occur. A run that is stopped or killed leaves FILE.partial, and the same
+command continues from it.
 
 examples:
   heronry contingencies elevator_and_chute -o chute.contingencies
@@ -39,13 +40,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
-    what.add_argument("--check", metavar="FILE", type=Path, help="verify every entry of a file instead")
+    what.add_argument("--check", metavar="FILE", type=Path, help="make no plans; verify every entry of this file")
     add_scope_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make or check a file; returns the exit code."""
+    """Make a contingency file, or verify one; returns the exit code."""
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415 - slow to import
 
     spec = load_spec(arguments.spec)
@@ -73,14 +74,14 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
     print(f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, and safe modes")
     print(
-        f"{tally.searched} searched, {tally.pruned_share():.1%} pruned: "
-        f"{tally.by_plan} by a plan that stays the best, {tally.by_twin} by a twin"
+        f"{tally.searched} plans searched for, {tally.pruned_share():.1%} found without a search: "
+        f"{tally.by_plan} because a plan stays the best, {tally.by_twin} because another fault has the same effect"
     )
     print(f"{len(made.configurations)} different configurations; {unproven} plans not proven to be the best")
     for one in on_board(spec, made):
         room = f"{len(one.block)} of {one.room} bytes"
         rest = len(made.configurations) - one.held
-        where = "" if rest == 0 else f"; the manager keeps the other {rest}"
+        where = "" if rest == 0 else f"; only the manager holds the other {rest}"
         print(f"pe {one.pe}: {one.held} configurations on board, {room}{where}")
 
 

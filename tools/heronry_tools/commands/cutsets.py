@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from heronry_tools.analysis.campaign.cut_sets import CutSets
 
 _EPILOG = """\
-logical: the graph cannot serve the function without these, even with unlimited resources. resource-aware: it does not
-fit on the PEs and buses that are left; logical sets are listed there again only with --json. Neither depends on the
-phase; both hold for every larger set as well. With --given-up also: sets after which the best plan of the phase leaves
-the function out for something more important, though it could be served; a larger set may bring it back.
+logical: without these elements the graph cannot serve the function, even with unlimited resources. resource-aware: the
+function does not fit on the PEs and buses that are left; only --json lists the logical sets there again. Neither
+depends on the phase, and every larger set loses the function, too. --given-up adds sets after which the best plan of
+the phase leaves the function out for something more important, though it could be served; a larger set of faults may
+bring the function back.
 
 examples:
   heronry cutsets elevator_and_chute parachute
@@ -41,18 +42,24 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
     parser.add_argument(
-        "--order", metavar="N", type=int, help="sets of up to N (default: the spec's contingency.faults)"
+        "--order", metavar="N", type=int, help="find sets of up to N faults (default: the spec's contingency.faults)"
     )
-    parser.add_argument("--kinds", metavar="KINDS", help="only elements of these kinds, as pe,bus (default: all)")
-    parser.add_argument("--given-up", action="store_true", help="also list what the best plan of a phase gives up")
-    parser.add_argument("--phase", metavar="NAME", help="that phase (default: the first one of the spec)")
+    parser.add_argument(
+        "--kinds", metavar="KINDS", help="only elements of these kinds, for example pe,bus (default: all)"
+    )
+    parser.add_argument(
+        "--given-up",
+        action="store_true",
+        help="also list sets after which the best plan of a phase gives the function up",
+    )
+    parser.add_argument("--phase", metavar="NAME", help="the phase for --given-up (default: the first one of the spec)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
     parser.add_argument("--json", action="store_true", help="write the result as JSON")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Find and show; returns the exit code."""
+    """Find the cut sets of a function, and print them; returns the exit code."""
     from heronry_tools.analysis.campaign.cut_sets import cut_sets, given_up  # noqa: PLC0415 - loads the solver
     from heronry_tools.console.progress import Progress  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415
@@ -79,7 +86,7 @@ def _scope(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
 
     order = spec.contingency.faults if arguments.order is None else arguments.order
     if order < 1:
-        raise UserError(f"--order {order}: a set of faults has at least one")
+        raise UserError(f"--order {order}: a set of faults has at least one; write 1 or more")
     kinds = kinds_of(arguments.kinds)
     chosen = tuple(one for one in elements(spec) if one.partition(":")[0] in kinds)
     return feasible(Scope(chosen, order, (situation(spec, phase=arguments.phase).phase,)))

@@ -1,4 +1,4 @@
-"""`heronry demo`: the whole system as real processes, with a story of events."""
+"""`heronry demo`: the whole system as real processes, and the story of its events."""
 
 import argparse
 from pathlib import Path
@@ -22,7 +22,7 @@ examples:
   heronry demo --kill manager@5                       a standby manager runs, and takes over
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 
-Times are in seconds after the first configuration runs. Ctrl-C ends it; no process is left behind.
+Times are in seconds after the first configuration runs. Ctrl-C ends the demo; no process is left behind.
 """
 
 
@@ -47,7 +47,9 @@ def add_parsers(subparsers: Any) -> None:
         default=[],
         help="SIGKILL a PE, or the manager: manager@SECONDS",
     )
-    parser.add_argument("--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start it again")
+    parser.add_argument(
+        "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again"
+    )
     parser.add_argument(
         "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
     )
@@ -67,7 +69,7 @@ def add_parsers(subparsers: Any) -> None:
         help="begin so many seconds after take-off: at 90 the balloon is about to be cut, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
-    add_contingencies_argument(parser, "to fly with and to carry on board")
+    add_contingencies_argument(parser, "for the manager and for the tables of the PEs")
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="the key file from 'heronry key', for the manager and every PE"
     )
@@ -84,7 +86,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def _seconds(text: str) -> float:
-    """Read a time; argparse tells the name of this function to the user."""
+    """Read a time in seconds; argparse shows the name of this function to the user."""
     seconds = float(text)
     if not 0 <= seconds <= LONGEST_SECONDS:
         raise argparse.ArgumentTypeError(
@@ -94,7 +96,7 @@ def _seconds(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; returns 0 if at the end all that the plan serves is heard on the bus."""
+    """Run the demo; returns 0 if at the end every function that the plan serves is heard on the bus."""
     from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
 
     return play(arguments)

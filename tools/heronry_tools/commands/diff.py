@@ -7,7 +7,8 @@ import argparse
 import sys
 from typing import Any
 
-_EPILOG = r"""\ A function depends on an element (its single point of failure) if the loss of that element alone loses
+_EPILOG = """\
+A function depends on an element (its single point of failure) if the loss of that element alone loses
 the function. Critical functions, classes A to D, are examined in each phase that wants them.
 
 examples:

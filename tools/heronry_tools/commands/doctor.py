@@ -34,8 +34,8 @@ examples:
   heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and the PEs that are on one of them only
   heronry doctor -i socketcan -c can0 --json | jq .findings
 
-The command listens, and asks every PE that it hears by SDO for the spec of its table; it sends no commands. In flight
-leave that to the manager, which is the only SDO client there.
+The command listens on the bus, and reads from each PE that it hears, by SDO, the digest of the spec of its table. It
+sends no commands. Do not use it in flight: there the manager is the only SDO client.
 """
 
 
@@ -50,7 +50,9 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("spec", metavar="SPEC", nargs="?", help="a spec, or a PE's *.table: what should be there")
+    parser.add_argument(
+        "spec", metavar="SPEC", nargs="?", help="what should be on the bus: a spec, or the *.table of a PE"
+    )
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="how long to listen (default 3)")
     parser.add_argument(
         "--wait", type=float, default=0.0, metavar="S", help="repeat until everything is right, for up to S seconds"
@@ -61,7 +63,7 @@ def add_parsers(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything and report; returns 0, or 1 where something is not right."""
+    """Check everything and report; returns 0, or 1 where a finding is not right."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
 
     if not 0 < arguments.seconds <= 600:
@@ -107,7 +109,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
                 buses[name] = open_bus(config)
             except LinkError as error:
                 if not (is_socketcan and not knows_can()):
-                    yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
+                    yield Finding("bus", str(error), "heronry doctor --help   (shows how to name a bus)")
             else:
                 stack.enter_context(buses[name].bus)
         if not buses:
@@ -146,14 +148,16 @@ def _expected(text: str) -> "Expected":
 
 
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
-    """Listen to a bus, given by its channels: each frame once, and the nodes on each channel."""
+    """Listen to the channels of one bus; notes each frame once, and the nodes of each channel."""
     from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
     from heronry_wire.python_can import frame_of  # noqa: PLC0415
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
     merge = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS)
-    is_quiet = False  # several frames may have come together; python-can buffers them, where no descriptor shows them
+    is_quiet = (
+        False  # several frames may have come together; python-can buffers them, and the descriptor shows only the first
+    )
     while (left_s := end_s - time.monotonic()) > 0:
         if is_quiet:
             select.select([opened.fileno for opened in buses.values()], [], [], min(left_s, 0.1))
@@ -172,10 +176,10 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
 
 
 def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
-    """Ask PEs for the specs of their tables, and close the bus.
+    """Read the digests of the specs of the PEs' tables, and close the bus.
 
-    Returns a digest by node, None for a node that does not answer; None alone where there are PEs to ask and canopen,
-    which is optional, is not installed.
+    Returns a digest by node, None for a node that does not answer. Returns None alone where a PE should be read and
+    canopen, which is optional, is not installed.
     """
     if not nodes:
         return {}

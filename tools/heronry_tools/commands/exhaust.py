@@ -1,7 +1,7 @@
 """`heronry exhaust`: every reconfiguration of a small aircraft, with every fault in every message of it.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a fault of a
-given case was not injected; 2 the input cannot be used.
+Exit codes: 0 all is well; 1 an oracle was violated, and the command that replays that flight is printed, or a fault
+of a given case was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 _EPILOG = """\
 A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
 sensor that dies, what the operator fails and clears, each phase, requested by the operator or by a module; with
---standby also the death of the active manager. It is flown again and again, and each time one frame of the management,
-from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies with it. Use a spec
-with three PEs: there are some 37000 flights of it, half an hour on one processor.
+--standby also the death of the active manager. The story is flown once for each fault: one frame of the management,
+from the first to the last, is lost, doubled or late, for one node or for all nodes, or a node dies at that frame. Use a
+spec with three PEs: it has some 37000 flights, half an hour on one processor.
 
-Exit codes: 0 all is well; 1 something was violated, or a fault of a given case was not injected; 2 the input cannot be
+Exit codes: 0 all is well; 1 an oracle was violated, or a fault of a given case was not injected; 2 the input cannot be
 used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
@@ -73,7 +73,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_compiled_argument(parser)
     parser.add_argument(
-        "--json", action="store_true", help="write what was flown and what failed, or was counted, as JSON"
+        "--json", action="store_true", help="write the flights and their failures, or the counts of --count, as JSON"
     )
     parser.set_defaults(run=run)
 
@@ -115,7 +115,7 @@ def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    """Give the numbers as lines, with their sum."""
+    """Write the number of faults of each story as lines, with their sum."""
     return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
 
 

@@ -15,12 +15,12 @@ examples:
   heronry manager twin.dg.yaml -i socketcan -c can0,can1           the manager's bus has 'channels: 2'
   heronry manager big_blue -i socketcan -c can0 --key fleet.key
   heronry manager big_blue -i socketcan -c can0 --standby          the standby manager, node 127, on another computer
-  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first manager, where there is a second
+  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first manager, beside a second one
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 The manager listens first. If it hears another manager on the bus, it ends, or with --standby follows that manager.
 Where the spec has several buses, -c is the bus that the spec's 'manager: {bus: ...}' names. python-can's can.conf and
-CAN_* variables are honoured. 'heronry status', 'phase', 'fail' and 'clear' on the same computer give it orders.
+CAN_* variables are read, too. 'heronry status', 'phase', 'fail' and 'clear' on the same computer give it orders.
 """
 
 
@@ -45,27 +45,30 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--changed-spec",
         action="store_true",
-        help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
+        help="accept the journal of an older text of SPEC: forget its faults and phase, continue its numbers",
     )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="the key file from 'heronry key': frames without its proof are refused"
+        "--key",
+        type=Path,
+        metavar="FILE",
+        help="the key file from 'heronry key': frames without a proof of this key are refused",
     )
     parser.add_argument(
         "--standby",
         action="store_true",
         help="follow the active manager, and take over when the PEs hear it no more",
     )
-    add_contingencies_argument(parser, "to fly with")
+    add_contingencies_argument(parser, "for this manager")
     parser.add_argument(
         "--advise",
         action="store_true",
-        help="tell what it would do, and send nothing: allowed on a bus with a manager",
+        help="report what this manager would do, and send nothing: allowed on a bus with an active manager",
     )
     parser.add_argument(
         "--socket",
         type=Path,
         metavar="PATH",
-        help="the socket for 'heronry status' and the other orders (default: by SPEC)",
+        help="the socket for 'heronry status' and the other orders (default: one per spec)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

@@ -30,12 +30,12 @@ _UNLOCK_EPILOG = """\
 examples:
   heronry unlock pe:nav                CANopen tools may write to it for half a minute; see docs/canopen.md
 
-Only where manager and PEs have a key. During that time any node on the bus can write to the PE.
+Only a PE with a key is locked. While it is unlocked, any node on the bus can write to it.
 """
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parsers."""
+    """Add the parsers of the five orders."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     status.add_argument("--json", action="store_true", help="print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
@@ -60,7 +60,9 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--of", metavar="SPEC", help="name of the spec whose manager is meant (default: the only one)")
+    which.add_argument(
+        "--of", metavar="SPEC", help="name of the spec whose manager gets the order (default: the only one)"
+    )
     which.add_argument(
         "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
     )

@@ -44,7 +44,7 @@ The situation is the one that the plan names, where no option gives another one.
 examples:
   heronry plan big_blue --json >plan.json
   heronry verify big_blue plan.json                   exit code 0: legal
-  heronry verify big_blue plan.json --down pe:nav     would it survive that? 1: no, and which rules it breaks
+  heronry verify big_blue plan.json --down pe:nav     is it legal without pe:nav? 1: no, and which rules it breaks
   heronry plan my.dg.yaml --json | heronry verify my.dg.yaml -
 """
 
@@ -73,7 +73,7 @@ def add_parsers(subparsers: Any) -> None:
         "--effort",
         type=_effort,
         metavar="E",
-        help="limit on the search by the solver's count of its work, near seconds, the same on every computer (60)",
+        help="limit on the search: the solver's count of its work, about seconds, equal on every computer (default 60)",
     )
     plan.add_argument("--json", action="store_true", help="write the plan as JSON")
     plan.set_defaults(run=run_plan)
@@ -154,7 +154,7 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: f
 
 
 def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
-    """The transition from what runs to a plan; the verifier accepts it."""
+    """Give the transition from what runs to a plan; an illegal transition is a defect of heronry."""
     from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
     from heronry_wire.sansio import require  # noqa: PLC0415
@@ -167,7 +167,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """What runs according to a plan: with its wires, where it has those of every module."""
+    """Read what runs from a plan: a configuration if the plan has all of its wires, else the placement alone."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

@@ -1,4 +1,4 @@
-"""`heronry replay`: a recorded bus runs through the manager's core again, and its decisions are compared.
+"""`heronry replay`: the manager's core runs again on a recorded bus, and its decisions are compared.
 
 Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
 """
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from heronry_wire.frame import LoggedFrame
 
 _EPILOG = """\
-Each PREPARE and each step of ACTIVATE that the manager sent is a decision. The replay is given what the manager heard,
-when it heard it, and shows beside each decision what led to it, and whether it came out as recorded. The buses of a log
-(as 'heronry demo --record' writes it) are known by the names of its channels.
+Each PREPARE and each step of ACTIVATE that the manager sent is a decision. The manager's core gets the frames that the
+manager heard, at the same times. The replay shows what led to each decision, and whether the decision is the recorded
+one. The channels of the log name its buses, as in a log of 'heronry demo --record'.
 
-Not on the bus, and so not replayed: the operator's orders, and changes of the spec since. A recording must begin before
-the manager does.
+The operator's orders are not on the bus, so they are not replayed. SPEC must be the spec with which the manager flew,
+and the recording must begin before the manager starts.
 
 Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
 
@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
     )
-    single = "those for every single fault, where it called one by its number"
+    single = "the plans for every single fault, if the manager called a plan by its number"
     add_contingencies_argument(parser, "with which the manager flew", single)
     parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
     parser.add_argument("--json", action="store_true", help="write everything as JSON")
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
-    """Frames of a flight with a key, as the key proves them; raises UserError where --key is missing or too much."""
+    """Give the frames that the key proves; raises UserError where --key is missing, or the flight had no key."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.sim.replay.proven import is_tagged, proven  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
@@ -139,7 +139,7 @@ def _remark(one: "Remark") -> str:
 def _verdict(comparison: "Comparison") -> str:
     decisions, differences = comparison.decisions(), comparison.differences()
     if not decisions and not differences:
-        return "nothing was decided: this shows nothing"
+        return "the manager decided nothing, so there is nothing to compare"
     return f"{decisions} decisions, {'all as recorded' if not differences else f'{differences} differences'}"
 
 

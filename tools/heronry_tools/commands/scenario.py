@@ -1,7 +1,7 @@
-"""`heronry scenario`: fly scenario files, and tell whether what they expect is what is heard.
+"""`heronry scenario`: fly scenario files, and tell whether their expectations hold on the bus.
 
 Exit codes: 0 every expectation holds; 1 one does not, and is printed with its time, what was expected and what was
-seen; 2 a file cannot be read, or what it does cannot be done there.
+seen; 2 a file cannot be read, or an action of it is not possible in the simulator or on these buses.
 """
 
 import argparse
@@ -24,7 +24,7 @@ _EPILOG = """\
 A scenario file:
 
   # A processor dies; another one takes its work.    why it exists
-  spec elevator_and_chute                            shipped, or a file, from this one's folder
+  spec elevator_and_chute                            a shipped spec, or a file (path from this folder)
   seed 7
   at 2.0s kill pe:control_pe                         also restore, phase, fail, clear, and every fault of the simulator
   expect function:elevator served within 200ms       evaluated from frames: what is heard on the bus
@@ -50,24 +50,24 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "scenario",
-        help="fly scenario files, in the simulator or for real, and evaluate what is heard",
-        description="Fly scenario files, in the simulator or with real processes, and evaluate what the bus carries.",
+        help="fly scenario files, in the simulator or with real processes, and check what they expect",
+        description="Fly scenario files, in the simulator or with real processes, and check what they expect.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
-    parser.add_argument("--json", action="store_true", help="one JSON object a file")
+    parser.add_argument("--json", action="store_true", help="write one JSON object per file")
     parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
     parser.add_argument(
-        "--rewrite", action="store_true", help="make FILE.golden anew, where the flight holds (simulator only)"
+        "--rewrite", action="store_true", help="write FILE.golden anew, if every expectation holds (simulator only)"
     )
     parser.add_argument(
         "--patience",
         metavar="N",
         type=_patience,
-        help="real processes on a busy computer: 'within 80ms' is within N times 80 ms (1 to 100; default 1)",
+        help="for real processes on a busy computer: 'within 80ms' means N times 80 ms (1 to 100; default 1)",
     )
-    add_bus_arguments(parser, group_title="real processes, the manager's bus being (default: the simulator)")
+    add_bus_arguments(parser, group_title="real processes, with this bus for the manager (default: the simulator)")
     parser.set_defaults(run=run)
 
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rewrite and _is_live(arguments):
         raise UserError("--rewrite: only in the simulator are decisions the same each time; leave -i and -c out")
     if arguments.patience is not None and not _is_live(arguments):
-        raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
+        raise UserError("--patience: the simulator needs no patience; add -i and -c, or leave --patience out")
     if arguments.junit is not None:
         expect_writable(arguments.junit)
     scripts = [read_script(file) for file in arguments.files]
@@ -102,7 +102,7 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
     from heronry_tools.sim.scenario import in_simulator, live  # noqa: PLC0415
     from heronry_tools.sim.scenario.trace import golden_file, keep, kept  # noqa: PLC0415
 
-    for script in scripts:  # before the first one flies
+    for script in scripts:  # before the first scenario flies
         if _is_live(arguments):
             live.check(script)
         elif not arguments.rewrite:
@@ -127,11 +127,11 @@ def _is_live(arguments: argparse.Namespace) -> bool:
 
 
 def _patience(text: str) -> float:
-    """Factor by which times are longer, 1 to 100; raises ArgumentTypeError."""
+    """Read the factor by which times are longer, 1 to 100; raises ArgumentTypeError."""
     try:
         times = float(text)
     except ValueError:
         times = 0.0
     if not 1 <= times <= _LONGEST_PATIENCE:
-        raise argparse.ArgumentTypeError(f"{text} is no patience; write how many times as long, 1 to 100")
+        raise argparse.ArgumentTypeError(f"{text} is not a factor for times; write a number from 1 to 100")
     return times

@@ -1,8 +1,8 @@
-"""`heronry send-table`: give a PE that waits for it its table, over the bus.
+"""`heronry send-table`: send a waiting PE its table over the bus.
 
 A PE with a key needs two things: an unlock, which the manager sends on the operator's order, and a table that is sealed
-with the key. This command does both, on the manager's computer. UNLOCK may be lost, or may come before the PE accepts
-the manager, and then the PE answers that it is locked; so both are repeated for a while.
+with the key. This command does both, on the manager's computer. UNLOCK may be lost, or may reach the PE before the PE
+accepts the manager; then the PE answers that it is locked. So the command repeats both for a while.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def add_parsers(subparsers: Any) -> None:
 
     parser = subparsers.add_parser(
         "send-table",
-        help="send a PE that waits for it its table, over the bus",
+        help="send a waiting PE its table, over the bus",
         description="Compile the table of a PE and write it into the PE by SDO.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -51,7 +51,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="PATH",
         help="with --key: the manager's socket, where it was started with --socket",
     )
-    add_bus_arguments(parser, group_title="a bus that the PE has as its uplink; of a replicated one, either channel")
+    add_bus_arguments(parser, group_title="the bus that is the uplink of the PE; either channel of a replicated one")
     parser.set_defaults(run=run)
 
 
@@ -92,7 +92,7 @@ def _unlock(socket: Path | None, spec: str, pe: str) -> None:
 
 
 def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
-    """Write a table, sealed or not, into a node; unlock the node first, repeatedly, where it needs that."""
+    """Write a table, sealed or not, into a node; with `unlock`, unlock it first, and repeat both while it is locked."""
     import canopen  # noqa: PLC0415 - slow to import
     from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415
 

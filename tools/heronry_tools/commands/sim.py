@@ -1,7 +1,7 @@
 """`heronry sim`: fly a spec in the simulator, inject faults, and check every flight.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a fault that was
-given was not injected; 2 the input cannot be used.
+Exit codes: 0 all is well; 1 an oracle was violated, and the command that replays that flight is printed, or a
+given fault was not injected; 2 the input cannot be used.
 """
 
 import argparse
@@ -35,22 +35,21 @@ are virtual and count from the moment at which the first configuration runs. A s
 a seed draws the faults and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
 (--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then an attacker forges commands.
 
-Oracles check every flight, without access to a core: nothing exclusive ever has two drivers, one epoch is one
-configuration, and a legal one, no healthy element is reported, nothing old is taken for new, and the manager's silence
-stops no PE. Then every fault is ended, and in the end every healthy PE is active, the plan is the best one, and it is
-heard to run.
+Oracles check every flight, without access to a core: nothing exclusive ever has two drivers, one epoch is one legal
+configuration, no healthy element is reported as failed, no old datum is taken for a new one, and no PE stops because
+the manager is silent. At the end all faults are removed. Then every healthy PE must become active, the plan must be the
+best one, and its outputs must be heard on the bus.
 
-A fault is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. It waits for its state for three
-seconds. A fault that is given and is not injected, or not in that state, fails the flight.
+A fault is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. A fault with a STATE waits for it, for
+three seconds at most. A given fault that is not injected, or not in that state, fails the flight.
 
-With --standby there are two managers, each with a journal on a disk of its own, and also drawn are: a manager that
-loses power while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
-between the managers, with PEs on either side; a PE with an old table; and, in flights that have a key, an attacker
-without it that forges, replays, reorders and truncates commands. Then the oracles also check: one manager is active in
-a term, no PE goes back to an older term, every command that a PE executed was authentic and fresh, and the journal
-holds what is so.
+With --standby there are two managers, each with a journal on a disk of its own, and more faults are drawn. A manager
+loses power while it writes, cannot receive or transmit, is started twice, or has a full disk. A bus breaks between the
+managers, with PEs on either side. A PE has an old table. In flights with a key, an attacker without it forges, replays,
+reorders and truncates commands. Then the oracles also check: one manager is active in a term, no PE goes back to an
+older term, every command that a PE executed was authentic and fresh, and the journal agrees with the flight.
 
-Exit codes: 0 all is well; 1 something was violated, or a fault that was given was not injected; 2 the input cannot be
+Exit codes: 0 all is well; 1 an oracle was violated, or a given fault was not injected; 2 the input cannot be
 used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
@@ -90,16 +89,16 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--act", action="append", default=[], metavar="ACT", help="inject this fault instead of drawn ones"
     )
-    parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one fault a line")
+    parser.add_argument("--acts", type=Path, metavar="FILE", help="inject the faults of this file, one a line")
     parser.add_argument(
         "--kill",
         action="append",
         default=[],
         metavar="pe:NAME@S",
-        help="kill a PE at second S, or a manager: manager, primary or standby",
+        help="kill a PE, or a manager (manager, primary, standby), at second S",
     )
     parser.add_argument(
-        "--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again at second S"
+        "--restore", action="append", default=[], metavar="pe:NAME@S", help="start a killed node again at second S"
     )
     parser.add_argument("--standby", action="store_true", help="two managers, and their faults: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
@@ -112,10 +111,12 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
-        "--shrink", action="store_true", help="look for the fewest faults that fail; writes SPEC-seed-N.scenario"
+        "--shrink",
+        action="store_true",
+        help="look for the fewest faults with which the flight fails; writes SPEC-seed-N.scenario",
     )
     add_compiled_argument(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object a run, and one for all of them")
+    parser.add_argument("--json", action="store_true", help="write one JSON object per flight, and one for all flights")
     parser.set_defaults(run=run)
 
 
@@ -153,11 +154,11 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
 
     unknown = [kind for kind in arguments.kind if kind not in KINDS]
     if unknown:
-        raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
+        raise UserError(f"--kind {unknown[0]}: no kind of fault has this name; the kinds are {', '.join(KINDS)}")
     idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
     if idle:
         what = KINDS[idle[0]].target_kind.replace("_", " ")
-        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} as a target for it")
+        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} for a fault of this kind")
     given = _given_faults(spec, arguments)
     needed_s = over_s(given)
     faults_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
@@ -198,7 +199,7 @@ def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault",
             faults.append(Fault(round(1000 * fault.at_s), kind, target, lasts_ms))
     endless = [fault for fault in faults if fault.over_ms > 1000 * LONGEST_S]
     if endless:
-        raise UserError(f"'{endless[0]}' is longer than a flight may be; let it be over after {LONGEST_S} seconds")
+        raise UserError(f"'{endless[0]}' is longer than a flight may be; let the fault end within {LONGEST_S} seconds")
     return tuple(sorted(faults))
 
 
@@ -209,22 +210,22 @@ def _lines_of(file: Path) -> list[str]:
     except OSError as error:
         raise UserError(f"--acts {file}: {error.strerror}; name a file with one fault a line") from None
     except UnicodeDecodeError:
-        raise UserError(f"--acts {file}: it is not text in UTF-8; name a file with one fault a line") from None
+        raise UserError(f"--acts {file}: the file is not text in UTF-8; name a file with one fault a line") from None
     told = [line for line in lines if line.strip() and not line.startswith("#")]
     if not told:
-        raise UserError(f"--acts {file}: it has no fault; write one a line, or leave --acts out")
+        raise UserError(f"--acts {file}: the file has no fault; write one a line, or leave --acts out")
     return told
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether the aircraft did something wrong, and not only a given fault was not injected."""
+    """Tell whether an oracle was violated; a given fault that was not injected is not enough."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)
 
 
 def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":
-    """Make a failing flight shorter, and keep it in a file."""
+    """Look for a shorter flight that fails, too, and write it to a scenario file."""
     from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
     from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
 
@@ -260,7 +261,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
 
 
 def _line(fault: "Fault") -> str:
-    """A fault as a scenario file has it."""
+    """Write a fault as a line of a scenario file."""
     at, *words = str(fault).split()
     return " ".join(
         [f"at {at}s", *(f"{word}s" if before == "for" else word for before, word in pairwise(["", *words]))]
@@ -310,19 +311,19 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
 
 
 def seconds(text: str) -> float:
-    """Read a duration."""
+    """Read the length of a flight in seconds; argparse shows the name of this function to the user."""
     try:
         duration = float(text)
     except ValueError:
         duration = math.nan
     if not 0 <= duration <= LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {LONGEST_S} seconds")
+        raise argparse.ArgumentTypeError(f"{text} is not a flight time; write 0 to {LONGEST_S} seconds")
     return duration
 
 
 def share(text: str) -> float:
-    """Read a probability."""
+    """Read a share of frames, from 0 to 0.5; argparse shows the name of this function to the user."""
     probability = read_share(text)
     if probability is None:
-        raise argparse.ArgumentTypeError(f"{text} is no share that a bus survives; write 0 to 0.5")
+        raise argparse.ArgumentTypeError(f"{text} is not a share of frames that a bus survives; write 0 to 0.5")
     return probability

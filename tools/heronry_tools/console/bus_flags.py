@@ -9,6 +9,6 @@ _MODELS = {
 
 
 def what_it_models(interface: str, channel: str) -> str:
-    """A sentence for the user: the bus, and what it does not model."""
+    """Give a sentence for the user: the kind of bus, and what it does not model."""
     kind = "vcan" if interface == "socketcan" and channel.startswith("vcan") else interface
     return f"{interface} {channel}, {_MODELS.get(kind, 'through python-can')}"

@@ -26,11 +26,14 @@ _NO_MORE: Final = {
 
 
 class UserError(HeronryError):
-    """Something wrong with what the user typed; the message is one sentence for stderr."""
+    """An error that the user can fix, as in what was typed; the message is one sentence for stderr."""
 
 
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
-    """Run a program; an error that the user can fix gives a sentence on stderr and 2, Ctrl-C 130, a closed pipe 141."""
+    """Run a program; returns its exit code.
+
+    2 stands for an error that the user can fix (one sentence on stderr), 130 for Ctrl-C, 141 for a closed pipe.
+    """
     try:
         code = program() or 0
         sys.stdout.flush()  # here, where a failure can still be reported

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """The situation of a plan; what the options name replaces what the plan says."""
+    """Give the situation in which to evaluate a plan: the one that the plan names, where no option replaces it."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
 

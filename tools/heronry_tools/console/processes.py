@@ -30,7 +30,7 @@ _TERMINATED = 128 + signal.SIGTERM
 
 @contextmanager
 def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of `jobs` processes that begin with `begin(beginning)`; raises UserError where one dies.
+    """Yield a pool of `jobs` processes, each of which calls `begin(beginning)` first; raises UserError where one dies.
 
     The first task, which starts the workers, is submitted while signals are `held_back`.
     """
@@ -52,7 +52,7 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Block SIGINT and SIGTERM, also in processes started meanwhile; a signal that came is delivered afterwards."""
+    """Block SIGINT and SIGTERM, also in processes started meanwhile; pending signals are delivered afterwards."""
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in _ENDS}
     # This mask is inherited; a thread of a library may take a signal all the same.

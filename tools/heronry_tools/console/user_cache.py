@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def user_cache(kind: str) -> Path:
-    """Folder for things of a kind: in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
+    """Give the cache folder for results of a kind: in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base.absolute() / "heronry" / kind
 

@@ -1,7 +1,7 @@
 """Files that are written whole or not at all.
 
-A result that takes minutes is written in one go at the end, so whether it can be written is checked at the start: a
-folder, or a device (which a draft would replace), is refused.
+A result that takes minutes is written at the end, in one step. So the command checks at the start whether the file can
+be written: a folder is refused, and a device, too, since the finished draft would replace it.
 """
 
 import os
@@ -11,7 +11,7 @@ from heronry_tools.console.errors import UserError
 
 
 def expect_writable(file: Path) -> None:
-    """Raise UserError where `write_whole` could not put a file."""
+    """Raise UserError where `write_whole` could not write this file."""
     if not file.parent.is_dir():
         raise UserError(f"{file.parent} is not a folder; make it first, or write elsewhere")
     if file.exists() and not file.is_file():
@@ -21,9 +21,9 @@ def expect_writable(file: Path) -> None:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file such that a reader, even after a crash, finds all of it or what was there before.
+    """Write a file such that a reader, even after a crash, finds either all of the new content or the old file.
 
-    Raises UserError where it cannot be written; then nothing of it is left behind.
+    Raises UserError where the file cannot be written; then the old file stays.
     """
     expect_writable(file)
     target = file.resolve()  # the target of a link is replaced, and the link stays

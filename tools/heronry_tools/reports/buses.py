@@ -18,7 +18,7 @@ def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) ->
 
 
 def document(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> dict[str, object]:
-    """The same as plain data for JSON; times in nanoseconds."""
+    """Give the same as plain data for JSON; times in nanoseconds."""
     return {
         "spec": spec.digest,
         "phase": now.phase,

@@ -1,12 +1,12 @@
-"""A DBC for one spec: what cantools, SavvyCAN and the like need to read the bus by name and unit.
+"""A DBC for one spec, with which cantools, SavvyCAN and other tools read the bus by name and unit.
 
-Data frames come out by variable and producer with their unit and CANaerospace header; management, state, EMCY,
-heartbeat and actuator echo by field. The fields are those of the tables the codecs use (`heronry_wire.management`,
-`heronry_wire.canaerospace`), so the DBC cannot differ from the codec.
+The DBC has data frames by variable and producer, with unit and CANaerospace header. Frames of the management, states,
+EMCY, heartbeats and output echoes come by field. The fields come from the tables that the codecs use
+(`heronry_wire.management`, `heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
 
-What a DBC cannot express: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by
-the index), that a state frame is one of four pages (multiplexed by the page), or an echo one of two kinds (by the
-type).
+Three things cannot be expressed in a DBC, so a field multiplexes the others: SLICE frames with index 0 have other
+fields than the rest (multiplexed by the index), a state frame is one of four pages (by the page), and an output echo is
+one of two kinds (by the type).
 """
 
 from collections import OrderedDict
@@ -135,7 +135,7 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
 
 
 def _links(spec: Spec | None) -> Iterator[Message]:
-    """Reports on radios: by name where there is a spec."""
+    """Write the fields of reports on radios, by the names of the radios where there is a spec."""
     if spec is None:
         for number in range(len(GATEWAY_IDS)):
             yield _message(link_id(number), f"LINK_{number}", LINK.length, list(_signals(LINK)), "")
@@ -172,7 +172,7 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
 
 
 def _emergency_event() -> Iterator[Signal]:
-    """CANaerospace emergency event of a fault: what EMCY says, as CANaerospace codes it."""
+    """Write the CANaerospace emergency event of a fault: the content of an EMCY in CANaerospace's coding."""
     yield from _header((_signal("service_code", 16, 8),))
     yield _signal("error_code", 32, 16, signed=True)
     yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
@@ -183,7 +183,7 @@ _ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
-    """Both echoes: of a device that was driven (FLOAT), of a module that ran (ULONG); by name where there is a spec."""
+    """Write both output echoes, by name with a spec: of a driven device (FLOAT), of a module that ran (ULONG)."""
     devices = dict(enumerate(spec.devices)) if spec is not None else None
     modules = dict(enumerate(spec.modules)) if spec is not None else None
     kinds = {

@@ -1,7 +1,7 @@
 """The event stream on standard output, one JSON line each, flushed at once so that a pipe follows live.
 
-The flight does not depend on a reader of the stream: a line that cannot be written (a full disk, a reader that has
-ended) is dropped, one message on standard error tells of it, and the next line is tried again.
+The flight does not depend on a reader of the stream. A line that cannot be written (a full disk, a reader that has
+ended) is dropped, one message on standard error reports that, and the next line is tried again.
 """
 
 import sys
@@ -21,7 +21,7 @@ def print_event(event: Mapping[str, Any]) -> None:
 
 
 def surviving(tell: Teller) -> Teller:
-    """Wrap a function that writes events: an error in writing does not end its caller."""
+    """Wrap a function that writes events, so that an error in writing does not end its caller."""
     is_said = False
 
     def tell_if_possible(event: Mapping[str, Any]) -> None:

@@ -35,7 +35,7 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """A line that says how good each level could be, for a plan that is not proven to be the best; else ""."""
+    """Give a line with the levels that are proven, for a plan that is not proven to be the best; else ""."""
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)

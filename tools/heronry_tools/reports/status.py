@@ -1,4 +1,4 @@
-"""The status of a manager (`heronry_manager.core.status`), for people: what is wrong first, then what runs."""
+"""The status of a manager (`heronry_manager.core.status`) as text: what is wrong first, then what runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ _WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an old
 
 
 def report(status: Mapping[str, Any]) -> Iterator[str]:
-    """Lines for a status document."""
+    """Write a status document as lines of text."""
     yield from _head(status)
     yield from _troubles(status)
     yield from _pes(status["pes"])
@@ -67,7 +67,7 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _unproven(authentic: Mapping[str, Any] | None) -> str:
-    """Frames of a PE that the manager refused, and frames that the PE refused."""
+    """Write how many frames of a PE the manager refused, and how many frames the PE refused."""
     if authentic is None:
         return ""
     said = "" if authentic["is_believed"] else "; its states carry no valid proof"

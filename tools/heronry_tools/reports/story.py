@@ -46,14 +46,14 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "journal_failed": ("the journal cannot be written: {problem}", "bad"),
     "journal_kept": ("the journal is written again", "good"),
     "standing_by": ("a standby manager follows manager {node}, term {term}", "quiet"),
-    "refused": ("most PEs do not hear the active manager: it begins a new term", "bad"),
-    "hears_nobody": ("a manager hears no node any more: it stops sending until it does", "bad"),
+    "refused": ("most PEs do not hear the active manager: the manager begins a new term", "bad"),
+    "hears_nobody": ("a manager hears no node any more: it sends nothing until it hears one", "bad"),
     "stepped_down": (
         "a manager gives up its mastership: manager {node} is active with the higher term {term}",
         "plain",
     ),
     "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
-    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it gives no advice", "bad"),
+    "unknown_epoch": ("this manager does not know the running epoch {epoch}, and gives no advice", "bad"),
 }
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
@@ -73,7 +73,7 @@ class Story:
     spec: Spec
     _start_ns: int | None = None
     _manager_killed_ns: int | None = None
-    _silences: int = 0  # that were told since then
+    _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -136,7 +136,7 @@ class Story:
                 pass
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """A line for a suspected PE only once it is lost, since most suspected PEs answer."""
+        """Give a line for a suspected PE only when it is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
@@ -182,7 +182,7 @@ class Story:
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        """A line for a gap when it is over; for a long one, also before that."""
+        """Give a line for an outage when it is over; for a long outage, also one while it lasts."""
         self._silences += 1
         criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
         name = f"{event['function']} (class {criticality})"

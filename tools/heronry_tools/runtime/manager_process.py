@@ -1,4 +1,4 @@
-"""From the arguments of `heronry manager` to a running manager: bus, operator's socket, planner, term, core, driver."""
+"""Starts and runs the manager of `heronry manager`: bus, operator's socket, planner, term, core, driver."""
 
 import argparse
 import os
@@ -35,7 +35,7 @@ from heronry_wire.key_file import read_key
 from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
-PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as in the demo, may not
+PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as in the demo, must not
 
 
 def mastership(arguments: argparse.Namespace) -> int:
@@ -109,20 +109,20 @@ def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
 
 
 def _node(arguments: argparse.Namespace) -> int:
-    """Node-ID: the one that is given, else the first manager's, or the second's for a standby manager."""
+    """Give the node-ID: the given one, else the first manager's, or the second manager's for a standby manager."""
     if arguments.node is not None:
         return int(arguments.node)
     return LAST_MANAGER if arguments.standby else FIRST_MANAGER
 
 
 def _has_solver() -> bool:
-    """Tell whether plans can be proven, and tell the user where not: the planner's process has no terminal."""
+    """Tell whether the solver is installed; if not, warn the user, since the planner's process has no terminal."""
     try:
         import_module("ortools")
     except ModuleNotFoundError:
         how = 'pip install "heronry[manager]"'
         said = f"heronry: ortools is not installed, so only the greedy planner is used; add it with: {how}"
-        with suppress(OSError):  # with a full disk the manager runs all the same
+        with suppress(OSError):  # a full disk must not stop the manager
             print(said, file=sys.stderr)
         return False
     return True

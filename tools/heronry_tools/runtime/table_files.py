@@ -1,4 +1,4 @@
-"""The tables of PEs as files: compiled from a spec, each with what it has room for of the plans made ahead."""
+"""The tables of PEs as files: compiled from a spec, each with as many of the plans made ahead as fit."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def write_tables(
     spec: "Spec", pes: Iterable[str], folder: Path, made: "Contingencies | None" = None
 ) -> dict[str, Path]:
-    """Write one table per PE into a folder, which is made if need be; gives the files by PE."""
+    """Write one table per PE into a folder, which is made if needed; gives the files by PE."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = table_texts(spec, pes, made)
     files = {pe: folder / f"{pe}.table" for pe in texts}
@@ -22,7 +22,7 @@ def write_tables(
 
 
 def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
-    """Compile tables, with what each PE has room for of the plans made ahead."""
+    """Compile the tables of PEs, each with as many of the plans made ahead as the PE has room for."""
     from heronry_manager.contingency.on_board import loaded, on_board  # noqa: PLC0415
     from heronry_manager.core.compilation import Compiler  # noqa: PLC0415 - loads pydantic
 

@@ -1,11 +1,11 @@
 """Whether functions are really served, as seen on the bus: the witness for demo, simulator and tests.
 
-It reads frames alone, never the manager's own view. A function counts as served while its outputs are heard: the echoes
-of its actuators (each tells what an actuator was commanded to), or for an output that drives no actuator the output
-frames of its module. Silence for longer than three periods of the slowest mode and a tenth of a second ends it. An echo
-from a node that does not have the actuator is ignored.
+The witness reads frames alone, never the manager's own view. A function counts as served while its outputs are heard:
+the echoes of its actuators (each tells what an actuator was commanded to), or for an output that drives no actuator the
+output frames of its module. It is no longer served after a silence of three periods of its slowest mode and a tenth of
+a second. An echo from a node that does not have the actuator is ignored.
 
-It also detects a violation: two branches of one DEMUX driven in turn within that patience (`rivals`).
+The witness also detects a violation: two branches of one DEMUX are driven in turn within that silence (`rivals`).
 """
 
 from collections.abc import Iterable
@@ -33,7 +33,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A function that was not heard from `from_ns` to `to_ns` (None: it has not come back)."""
+    """A time in which a function was not heard, from `from_ns` to `to_ns` (None: it has not been heard again)."""
 
     function: str
     from_ns: int
@@ -83,11 +83,11 @@ class Witness:
         return watched.last is not None and now_ns - watched.last.t_ns <= watched.patience_ns
 
     def last_output(self, function: str) -> Output | None:
-        """Last output of a function."""
+        """Give the last output of a function that was heard; None where none was."""
         return self._watched[function].last
 
     def patience_ns(self, function: str) -> int:
-        """Longest silence of a served function, in ns; a longer one means that it has stopped."""
+        """Give the longest silence of a served function, in ns; after a longer silence it is not served."""
         return self._watched[function].patience_ns
 
     def outages(self, now_ns: int) -> list[Outage]:

@@ -1,4 +1,4 @@
-"""The check of a contingency file: every entry is verified, and every worth is computed again."""
+"""Verification of a contingency file: every entry is verified, and every worth is computed again."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, as_completed
@@ -20,7 +20,7 @@ _ENTRIES_IN_A_PART: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a file says of one fault set in one phase; a safe mode claims no worth."""
+    """What a file has for one fault set in one phase; a safe mode has no worth."""
 
     what: str
     now: Situation
@@ -30,7 +30,7 @@ class Entry:
 
 
 def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> list[str]:
-    """Every error in contingencies, one sentence each, in the order of the file."""
+    """Verify a contingency file: one sentence for each error, in the order of the file."""
     entries = iter(list(_entries(made)))
     parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
     with Progress() as progress:
@@ -49,14 +49,14 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
 
 
 def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
-    """Verify entries: one sentence for each that is wrong."""
+    """Verify some entries: one sentence for each that is wrong."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 
 
 def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
     yield from map(str, verify(spec, entry.now, entry.configuration))
     if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
-        yield "it is not worth what the file says"
+        yield "its worth is not that of the file"
 
 
 def _entries(made: Contingencies) -> Iterator[Entry]:

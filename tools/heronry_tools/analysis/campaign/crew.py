@@ -1,7 +1,8 @@
-"""The workers that answer the questions of a sweep: this process, worker processes of it, or a Dask cluster.
+"""The workers that make the plans of a sweep: this process, worker processes of it, or a Dask cluster.
 
-A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
-that any `concurrent.futures.Executor` can run it, a cluster's as well. The process that makes a plan also verifies it.
+A *question* asks for the plan of one fault set, and a *task* has some questions about one spec. `solved` answers a
+task. It is a plain function of picklable things, so that any `concurrent.futures.Executor` can run it, also that of a
+cluster. The process that makes a plan also verifies it.
 
 Worker processes start and end as in `heronry_tools.console.processes`.
 """
@@ -37,7 +38,7 @@ class Task:
     downs: tuple[FaultSet, ...]
 
 
-_warm: list["Planner"] = []  # the planner of this process, once there is one
+_warm: list["Planner"] = []  # the planner of this process, from its first task on
 
 
 def solved(task: Task) -> list[Outcome]:
@@ -67,7 +68,7 @@ def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
 
 
 def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
-    """Yield answers as they arrive; without an executor this process makes them, one after the other."""
+    """Yield answers in the order in which they come; without an executor this process makes them one by one."""
     tasks = list(_tasks(spec, questions))
     if executor is None:
         for task in tasks:
@@ -83,7 +84,9 @@ def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]
 
 
 def _tasks(spec: Spec, questions: Iterable[Question]) -> Iterator[Task]:
-    by_phase = sorted(questions, key=lambda question: question.phase or "")  # stable: the order within a phase stays
+    by_phase = sorted(
+        questions, key=lambda question: question.phase or ""
+    )  # a stable sort: the order within a phase stays
     for phase, alike in groupby(by_phase, key=lambda question: question.phase):
         of_phase = list(alike)
         for start in range(0, len(of_phase), _QUESTIONS_IN_A_TASK):
@@ -123,4 +126,4 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _nothing(_: None) -> None:
-    """Begin a worker process with nothing: its planner is made with its first task."""
+    """Do nothing when a worker process begins: its planner is made with its first task."""

@@ -1,18 +1,19 @@
 """The smallest sets of faults that lose a function.
 
-*Lost* means that no legal configuration of what is left serves it, whatever else would have to be given up. That is
-monotone: more faults leave fewer configurations (`heronry_dg.losses`), so every set that contains a cut set loses the
-function, too, and the smallest ones tell everything. It does not depend on the phase, nor on what else is wanted:
-a configuration that serves a function beside others can serve it alone, too.
+A function is *lost* when no legal configuration of the remaining elements serves it, even if every other function is
+given up. More faults leave fewer configurations (`heronry_dg.losses`). So every set that contains a cut set loses the
+function, too, and the smallest sets describe all of them. A loss depends neither on the phase nor on the other
+functions that are wanted: a configuration that serves a function beside others can serve it alone.
 
-    logical     the graph cannot: not even with unlimited CPU, memory, bandwidth and time, and no placement rules
-    resources   the survivors cannot: with what PEs and buses can carry
+    logical     the graph cannot serve the function: even with unlimited CPU, memory, bandwidth and time, and without
+                placement rules
+    resources   the remaining PEs and buses cannot carry what the function needs
 
-Every logical cut set loses the function with real resources, too; some are not the smallest any more then.
+Every logical cut set also loses the function with real resources, but there a smaller set may do so, too.
 
-What the best plan of a phase *gives up* for something more important is another matter. It is not monotone: one more
-fault may take that something away, and the function comes back. It is read from a sweep, and the smallest sets do not
-tell about the sets that contain them.
+A function that the best plan of a phase *gives up* for something more important is another case. A further fault may
+take that something away, and then the function is served again. So these sets are read from a sweep, and the smallest
+ones tell nothing about the sets that contain them.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -45,7 +46,7 @@ def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], N
 
 
 def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]) -> Iterator[FaultSet]:
-    """Go through the sets by size: one that contains a cut set is none of the smallest."""
+    """Examine fault sets by size, except those that contain a cut set; gives the smallest that lose the function."""
     found: list[FaultSet] = []
     for size in scope.sizes():
         for down in scope.of_size(size):
@@ -56,14 +57,14 @@ def _smallest(servable: "Servable", scope: Scope, advance: Callable[[int], None]
 
 
 class Servable:
-    """Whether one function can be served at all, fault set by fault set."""
+    """Tells for fault sets whether one function can be served at all."""
 
     def __init__(self, spec: Spec, function: str) -> None:
         self._planning, self._function = Planning(spec), function
         self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
-        """Tell whether some legal configuration serves it; raises UserError where the search does not decide that."""
+        """Tell whether a legal configuration serves the function; raises UserError where the search is undecided."""
         if self._planning.survives((self._function,), down):
             return True
         rest = what_is_left(survivors(self._planning.spec, Situation(down)))

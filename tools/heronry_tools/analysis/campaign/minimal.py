@@ -1,10 +1,10 @@
-"""The smallest among sets: those that contain no other one of them."""
+"""The minimal sets of some sets: those that contain no other one."""
 
 from collections.abc import Iterable
 
 
 def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
-    """Keep the sets that contain no other one; the smaller ones first, else in their order."""
+    """Keep the sets that contain no other one; smaller sets come first, sets of a size keep their order."""
     found: list[frozenset[str]] = []
     for one in sorted(dict.fromkeys(sets), key=len):
         if not any(known < one for known in found):

@@ -1,8 +1,8 @@
 """A campaign as one page: pictures of graceful degradation, and its tables; a single file that needs nothing else.
 
-A picture has the number of faults to the right and, upwards, what is left in per cent of the healthy system: the area
-from the worst to the best case, and a line for the mean. Colours are variables of the style sheet, in a light and a
-dark set; the reader's own setting chooses.
+A picture has the number of faults on its horizontal axis. Its vertical axis has what is left, in per cent of the
+healthy system: an area from the worst to the best case, and a line for the mean. The style sheet has a light and a dark
+set of colours; the setting of the reader's browser chooses one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,7 @@ svg .mean { stroke: var(--mean); stroke-width: 2; fill: none; }
 
 
 def html_page(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write the page."""
+    """Write the page as HTML."""
     title = escape(f"{spec.name}: what survives up to {scope.faults} faults")
     covered = (
         f"{scope.set_count()} sets of up to {scope.faults} faults of {len(scope.elements)} elements in each phase; "

@@ -1,9 +1,9 @@
-"""How likely faults are: from `rate_per_h`, to first order.
+"""The likelihood of faults: from `rate_per_h`, to first order.
 
-A set of faults that all come within one hour has about the product of their rates as its probability; a function is
-lost with about the sum over the smallest sets that lose it. Both are slightly too large (rates are small, and sets
-overlap), so they are upper bounds as long as every rate is given. Where one is missing, the result is a lower bound,
-and is marked so.
+The probability that a set of faults occurs within one hour is about the product of their rates. The probability that a
+function is lost is about the sum over the smallest sets that lose it. Both are slightly too large (rates are small, and
+sets overlap), so they are upper bounds as long as every rate is given. Where a rate is missing, the result is a lower
+bound, and is marked as one.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ class Likelihood:
 
 
 def rate_of(spec: Spec, element: str) -> Fraction | None:
-    """Failures per hour of an element; None where the spec does not say."""
+    """Give the failures per hour of an element; None where the spec gives no rate."""
     kind, _, name = element.partition(":")
     match kind:
         case "pe":

@@ -63,14 +63,14 @@ def _requirement_lines(requirement: Requirement, broken: list[Offence]) -> Itera
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Write columns of even width, the last one as it comes."""
+    """Write columns of even width; the last one has no fixed width."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     for row in rows:
         yield "  ".join(text.ljust(width) for text, width in zip(row, [*widths, 0], strict=True)).rstrip()
 
 
 def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
-    """Write everything for another program."""
+    """Write all results as JSON."""
     document = {
         "spec": spec.name,
         "digest": spec.digest,

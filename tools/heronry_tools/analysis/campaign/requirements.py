@@ -19,12 +19,12 @@ _FORM: Final = re.compile(r"(?P<what>\S+) after (?P<faults>\d{1,2})( in (?P<phas
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """One requirement."""
+    """One requirement on the functions that survive faults."""
 
     text: str
-    what: str  # a class or a function
+    what: str  # WHAT: a class or a function
     faults: int
-    phase: Phase  # None: every phase
+    phase: Phase  # None: every phase of the campaign
 
     def covers(self, function: Function, phase: Phase) -> bool:
         """Tell whether a function must be served in a phase."""

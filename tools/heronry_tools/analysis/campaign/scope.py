@@ -47,7 +47,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
-    """Phases that a spec wants planned ahead: those it names, else all, or None for a spec without phases."""
+    """Give the phases that are planned ahead: those that the spec names, else all; None for a spec without phases."""
     return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 
@@ -61,7 +61,7 @@ def feasible(scope: "Scope") -> "Scope":
 
 
 def jobs_of(arguments: argparse.Namespace) -> int:
-    """How many processes plan; raises UserError."""
+    """Give the number of processes that plan; raises UserError."""
     jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
     if jobs < 1:
         raise UserError(f"--jobs {jobs}: at least one process must plan")
@@ -69,12 +69,12 @@ def jobs_of(arguments: argparse.Namespace) -> int:
 
 
 def cpus() -> int:
-    """How many CPUs this process may use."""
+    """Give the number of CPUs that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def kinds_of(text: str | None) -> tuple[str, ...]:
-    """Kinds of elements to fail; raises UserError."""
+    """Read the kinds of elements that may fail; raises UserError."""
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))

@@ -1,7 +1,7 @@
-"""What survives how many faults: the figures of a campaign, from the outcomes of its sweep.
+"""What survives a number of faults: the figures of a campaign, from the outcomes of its sweep.
 
-Every fault set of a size counts alike, however likely it is. A function is lost where the best plan does not serve it,
-be it that no plan can, or that the remaining resources go to a more important function.
+Every fault set of a size counts alike, however likely it is. A function is lost where the best plan does not serve it:
+because no plan can, or because the remaining resources go to a more important function.
 """
 
 from collections import Counter
@@ -25,7 +25,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Grade:
-    """What is left after a number of faults."""
+    """What is left after a number of faults: figures over all fault sets of that size."""
 
     faults: int
     sets: int
@@ -37,13 +37,13 @@ class Grade:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSurvey:
-    """One phase."""
+    """The figures of one phase."""
 
     phase: Phase
     wanted: Mapping[str, str]  # function -> its class
-    grades: tuple[Grade, ...]  # by number of faults, from 0
-    single_points: Mapping[str, tuple[str, ...]]  # served function -> elements that each cost it alone
-    likelihoods: Mapping[str, Likelihood]  # of losing a function, where rates are given
+    grades: tuple[Grade, ...]  # one for each number of faults, from 0
+    single_points: Mapping[str, tuple[str, ...]]  # served function -> elements of which each alone loses it
+    likelihoods: Mapping[str, Likelihood]  # function -> likelihood of its loss, where rates are given
 
 
 def survey(spec: Spec, scope: Scope, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]) -> tuple[PhaseSurvey, ...]:

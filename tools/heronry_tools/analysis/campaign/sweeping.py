@@ -1,4 +1,4 @@
-"""A whole sweep: workers that plan, a journal that keeps their answers, progress on the screen, the file."""
+"""A whole sweep: workers that plan, a journal of their answers, progress on the screen, and the contingency file."""
 
 import sys
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from heronry_tools.console.whole_file import expect_writable, write_whole
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A contingency file: what is in it, its size in bytes, and how the fault sets were settled."""
+    """A contingency file that was written: its content, its size in bytes, and how the plans were found."""
 
     made: Contingencies
     size: int
@@ -26,7 +26,7 @@ class Written:
 
 
 def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal | None = None) -> Sweep:
-    """Plan for every fault set of a scope; what a journal has already is not planned again."""
+    """Plan for every fault set of a scope; plans that the journal has are not made again."""
     known = {} if journal is None else journal.known
     swept = Sweep(spec, scope)
 
@@ -53,7 +53,7 @@ def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal 
 
 
 def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
-    """Number what a sweep of this scope has found, and add the safe mode of each phase."""
+    """Number the configurations that a sweep of this scope has found, and add the safe mode of each phase."""
     from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - verifying alone needs no solver
 
     safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
@@ -61,9 +61,9 @@ def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
 
 
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
-    """Write the contingency file of a scope; go on from FILE.partial, which a killed run has left.
+    """Write the contingency file of a scope; continues from FILE.partial, which a killed run has left.
 
-    Raises UserError where it cannot be written, and JournalError while another run writes it.
+    Raises UserError where the file cannot be written, and JournalError while another run writes it.
     """
     expect_writable(file)
     with Journal(file.with_name(f"{file.name}.partial"), spec, scope) as journal:

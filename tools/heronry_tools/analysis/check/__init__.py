@@ -1,1 +1,1 @@
-"""`heronry check` and its kin, and the families of rules that solve."""
+"""The families of `heronry check` that need a solver, and the registry of all families."""

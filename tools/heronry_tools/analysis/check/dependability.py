@@ -1,8 +1,8 @@
-"""The check of DG4xx: single faults, by planning, and redundancy that is none, from the graph.
+"""The check of DG4xx: functions that a single fault loses, by planning; useless redundancy, from the graph.
 
-Each finding stands where it would be fixed or accepted: a loss at the element that fails, a gate at its first input, a
-placement rule at the rule. A spec with more sources than identifiers (DG505) has no order on its buses, and is not
-planned.
+Each finding has the place where it would be fixed or accepted: a loss stands at the element that fails, a gate at its
+first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) is not planned, since the
+priorities of its frames are unknown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _HIGH: Final = "AB"
 _LOW: Final = "CD"
 _SECTIONS: Final = {"pe": "pes", "device": "devices", "bus": "buses", "module": "modules"}
-_LOST: Final = {  # by whether the element is a module, and whether the functions are of class A or B
+_LOST: Final = {  # (the element is a module, the functions are of class A or B) -> rule
     (False, True): rules.LOST_WITH_HARDWARE,
     (False, False): rules.LESSER_LOST_WITH_HARDWARE,
     (True, True): rules.LOST_WITH_MODULE,
@@ -60,7 +60,7 @@ def _single_faults(subject: Subject, findings: Findings) -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Functions that are of these classes in a phase in which they are lost, the most critical first, each as text."""
+    """Give functions that have one of these classes where they are lost, most critical first, each as text."""
     words: dict[str, list[str]] = {}
     for level in classes:
         for name, at in functions.items():
@@ -125,7 +125,7 @@ def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place
 
 
 def _placement_rules(subject: Subject, findings: Findings) -> None:
-    """Look for placement rules that keep modules from running beside each other at all."""
+    """Find placement rules that keep modules from running beside each other at all."""
     spec = subject.spec
     bound = _bound_together(spec)
     for index, group in enumerate(spec.separate):
@@ -147,7 +147,7 @@ def _placement_rules(subject: Subject, findings: Findings) -> None:
 
 
 def _bound_together(spec: Spec) -> dict[str, str]:
-    """By module, the name of its group: modules that `together` binds, directly or through others, have one."""
+    """Give the group of each module: modules that `together` binds, directly or through others, have one group."""
     bound = {name: name for name in spec.modules}
     for group in spec.together:
         joined = {bound[name] for name in group}

@@ -1,8 +1,9 @@
-"""DG4xx: dependability. Functions that one fault loses, and redundancy that is none.
+"""DG4xx: dependability. Functions that one fault loses, and redundancy that protects from no fault.
 
-dependability.py checks them in a spec that loads. They are warnings: many an aircraft has one engine. An engineer who
-accepts a single point of failure says so where the element is declared, with an ignore comment and its reason; a
-project that accepts none raises the codes to errors. How a rule is added is shown in heronry_dg/rules/rule.py.
+dependability.py checks these rules in a spec that loads. They are warnings: many an aircraft has one engine. An
+engineer who accepts a single point of failure says so where the element is declared, with an ignore comment and its
+reason; a project that accepts none raises the codes to errors. The head of heronry_dg/rules/rule.py shows how a rule is
+added.
 """
 
 from typing import Final
@@ -20,7 +21,7 @@ _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds noth
 
 
 def _doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
-    """Two sensors, two lamps and a doubled bus; between them whatever `middle` is."""
+    """Write a spec with two sensors, two lamps and a doubled bus; `middle` stands between them."""
     level = "  level: {type: FLOAT}\n" if middle else ""
     return (
         "buses: {can0: {bitrate: 1000000, channels: 2}}\n"
@@ -37,7 +38,7 @@ def _doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", read
 
 
 def _smoothed(criticality: str, *names: str) -> str:
-    """The same with modules of these names that make `level` of `speed`."""
+    """Write the same spec with modules of these names, which make `level` of `speed`."""
     middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
     return _doubled(criticality, middle=middle, reads="level")
 
@@ -80,7 +81,7 @@ def _voter(third_pe: str) -> str:
 
 
 def _smoothers(placement: str) -> str:
-    """Two modules that could stand in for each other, under these placement rules."""
+    """Write a spec with two modules that could replace each other, under these placement rules."""
     return (
         "variables:\n  speed: {type: FLOAT}\n  level: {type: FLOAT}\n"
         f"modules:\n{DRIVER}"
@@ -105,7 +106,7 @@ LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     "DG402",
     "lesser-lost-with-hardware",
     what="A function of class C or D is lost when one PE, device or bus fails.",
-    why=f"It has a code of its own beside DG401, so that one can be an error and the other accepted. {_PLANNED}",
+    why=f"This rule has another code than DG401, so that one can be an error and the other accepted. {_PLANNED}",
     fix="As for DG401; or make the function class E, if nothing depends on it.",
     bad=_doubled("C", pitot_pe="nav"),
     good=_doubled("C", pitot_pe="tail"),
@@ -116,7 +117,7 @@ LOST_WITH_MODULE = FAMILY.warning(
     what="A function of class A or B is lost when one module fails, though all hardware works.",
     why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
     f"where their device has the same finding. {_PLANNED}",
-    fix="Add a second module that gives the same variable, best of another design, if need be in a worse version; or "
+    fix="Add a second module that gives the same variable, if possible of another design, even in a worse version; or "
     "accept it with a reason.",
     bad=_smoothed("A", "smoother"),
     good=_smoothed("A", "smoother", "plain_smoother"),
@@ -125,7 +126,7 @@ LESSER_LOST_WITH_MODULE = FAMILY.warning(
     "DG404",
     "lesser-lost-with-module",
     what="A function of class C or D is lost when one module fails, though all hardware works.",
-    why=f"It has a code of its own beside DG403, so that one can be an error and the other accepted. {_PLANNED}",
+    why=f"This rule has another code than DG403, so that one can be an error and the other accepted. {_PLANNED}",
     fix="As for DG403; or make the function class E, if nothing depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
@@ -144,8 +145,8 @@ XOR_SHARES = FAMILY.warning(
     "DG411",
     "xor-shares",
     what="All inputs of a XOR are lost with one element, though the module that reads them could still run.",
-    why=f"A XOR is there to choose another source. {_IMAGINED} So it is, too, where one module gives all the versions "
-    "that it chooses from.",
+    why=f"A XOR is there to choose another source. {_IMAGINED} The rule also applies where one module gives all the "
+    "versions.",
     fix="Feed one of the inputs from another PE, another sensor and another module.",
     bad=_choice("nav"),
     good=_choice("tail"),
@@ -173,8 +174,8 @@ SEPARATE_WITHOUT_ROOM = FAMILY.warning(
     "DG421",
     "separate-without-room",
     what="Modules must be on different PEs, and there are not enough PEs on which they fit.",
-    why="Some of them never run beside the others: the rule defeats the redundancy it protects.",
-    fix="Let one of them run elsewhere, or remove it from the rule.",
+    why="Some of these modules never run beside the others: the rule defeats the redundancy that it protects.",
+    fix="Let one of the modules run elsewhere, or remove it from the rule.",
     bad=_choice("nav").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
     good=_choice("tail").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
 )
@@ -182,9 +183,9 @@ TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
     what="Two modules must be on one PE, and no PE fits both.",
-    why="The two never run at the same time. Two branches of a DEMUX never do; there the rule only keeps others "
-    "that it names from running beside one of them.",
-    fix="Remove the one that cannot follow from the rule, or write a rule of its own for each.",
+    why="The two never run at the same time. Two branches of a DEMUX never do anyway; there the rule only keeps "
+    "a third module that it names from running with one of them.",
+    fix="Remove the module that cannot run on the PE of the others from the rule, or write one rule for each.",
     bad=_two_lamps("nav") + "together: [[display, second_display]]\n",
     good=_two_lamps("nav") + "together: [[driver, second_display]]\n",
 )

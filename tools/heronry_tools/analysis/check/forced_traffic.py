@@ -32,7 +32,7 @@ class ForcedTraffic:
         return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
 
     def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
-        """Buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
+        """Name the buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
         yield from (bus for bus in self.rates if sum(self.mbit_per_s(bus).values()) > capacities[bus])
 
 
@@ -64,7 +64,7 @@ def forced_traffic(possible: Candidates) -> ForcedTraffic:
 def _publish(
     possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
 ) -> None:
-    """Note a variable on the buses that it crosses on every way from some giver to some reader."""
+    """Note a variable on the buses that every route from one of its givers to one of its readers crosses."""
     ways = [
         frozenset(possible.left.route(here, there) or ())
         for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}
@@ -85,7 +85,7 @@ def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _
 
 
 def _needed(needs: Expression | None) -> dict[str, _Versions]:
-    """Variables without which an expression cannot hold, with the versions that come into question."""
+    """Give the variables without which an expression cannot hold, each with the versions that can serve."""
     if needs is None:
         return {}
     if isinstance(needs, Leaf):

@@ -1,4 +1,4 @@
-"""Where a module fits by itself, with everything up: allowed there, and not too large."""
+"""The PEs on which a module may run and is not too large, with everything up and nothing else there."""
 
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.situation import hosts_when_all_is_up

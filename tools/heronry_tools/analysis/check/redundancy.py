@@ -1,9 +1,9 @@
-"""What alternatives have in common, seen from the graph alone: DG410 to DG412.
+"""Elements on which all alternatives depend, from the graph alone: DG410 to DG412.
 
-An expression depends on an element when it could not hold without it even with unlimited resources
-(`heronry_dg.why_not` computes that). Alternatives that all depend on one element are none. Left out are elements whose
-loss stops the reader, too, since then no module misses the alternatives, and the manager's bus, without which nothing
-runs.
+An expression depends on an element when it cannot hold without that element, even with unlimited resources
+(`heronry_dg.why_not` computes that). Alternatives that all depend on one element protect from none of its faults. Two
+kinds of elements are left out: those whose loss stops the reader as well, since then no module misses the alternatives,
+and the manager's bus, without which nothing runs.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,12 +16,12 @@ from heronry_dg.situation import Situation, elements
 from heronry_dg.why_not import Feasible, feasible
 
 INDEPENDENT_SOURCES = 3
-_NEVER_LOST = 10**9  # the last round
+_NEVER_LOST = 10**9  # a round of the search for losses that comes after all others
 
 
 @dataclass(frozen=True, slots=True)
 class Alternatives:
-    """A XOR or a voter of a mode, by the path of its gate, and on what each of its inputs depends."""
+    """A XOR or a voter of a mode, by the path of its gate, and the elements on which each of its inputs depends."""
 
     gate: Gate
     path: str
@@ -34,7 +34,7 @@ class Alternatives:
 
 
 class Dependence:
-    """What depends on which element of a spec."""
+    """Tells which parts of a spec depend on which elements."""
 
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
@@ -59,7 +59,7 @@ class Dependence:
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
 
     def shown(self, shared: frozenset[str]) -> str:
-        """Name what is shared, but not the PE or the driver of a shared device, which would repeat it."""
+        """Name the shared elements; the PE and the driver of a shared device are left out."""
         spec = self.spec
         implied = {f"pe:{device.pe}" for device in spec.devices.values() if f"device:{device.name}" in shared}
         implied |= {f"module:{m.name}" for m in spec.modules.values() if f"device:{m.device}" in shared}
@@ -76,7 +76,7 @@ class Dependence:
 
 
 def _chooses(gate: Gate) -> bool:
-    """Tell whether a gate has a XOR's choice, or lets several inputs vote of which not all have to hold."""
+    """Tell whether a gate is a XOR, or a vote of several inputs of which not all have to hold."""
     fewest, most = bounds(gate)
     return 1 <= fewest < len(gate.inputs) and (most == 1 or fewest >= 2)
 

@@ -1,9 +1,9 @@
 """All families of rules, and the checks of those that the loader does not check.
 
-The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Everything else is
-checked by a function `check(subject, findings)`, one per family, in a spec that loads. A family that solves keeps its
-rules and its check in files of this folder, and imports the planner inside its functions: listing a rule needs no
-solver. Its check is imported when it is called, which keeps `check --fast` fast.
+The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Every other family has a
+function `check(subject, findings)`, for a spec that loads. A family that needs a solver keeps its rules and its check
+in files of this folder, and imports the planner inside its functions: listing a rule needs no solver. Its check is
+imported when it is called, which keeps `check --fast` fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """
@@ -23,7 +23,7 @@ from heronry_tools.analysis.check import dependability_rules, resource_rules
 
 
 def _solving(module: str) -> Check:
-    """The check of a family that solves, imported when it is called."""
+    """Give the check of a family that needs a solver; its file is imported when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
@@ -49,6 +49,6 @@ RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, 
 
 
 def checks_of(*, fast: bool) -> dict[str, Check]:
-    """Checks by the beginning of their codes; `fast`: only those that need no solver."""
+    """Give the checks by the beginning of their codes; `fast`: only those that need no solver."""
     slow = {family.prefix for family in FAMILIES if not family.fast}
     return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

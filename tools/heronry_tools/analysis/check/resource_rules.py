@@ -11,7 +11,7 @@ from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS
 
 FAMILY: Final = Family("DG3", "resources: room, bandwidth, deadlines", fast=False)
 
-_CHECKED: Final = "With no plan can this spec do what it promises, so it is reported before a flight."
+_CHECKED: Final = "No plan can make this spec do what it promises, so the fault is reported before a flight."
 
 
 def _display_with(cpu: str) -> str:
@@ -19,7 +19,7 @@ def _display_with(cpu: str) -> str:
 
 
 def _two_functions(cpu: str) -> str:
-    """Two doubled functions of class C, with modules that take so much."""
+    """Write a spec with two doubled functions of class C, whose modules take `cpu`."""
     lit = f"cpu: {cpu}, ram: 1KiB, rate_hz: 10"
     return (
         "buses: {can0: {bitrate: 1000000, channels: 2}}\n"
@@ -55,7 +55,8 @@ MODULE_FITS_NOWHERE = FAMILY.error(
     "DG301",
     "module-fits-nowhere",
     what="No mode of a module fits any PE on which the module may run, even with nothing else there.",
-    why="It never runs, and neither does what needs it. A PE must have the module's device and features, be allowed by "
+    why="The module never runs, and neither do modules that need its data. A PE must have the module's device and "
+    "features, be allowed by "
     "`runs_on`, and offer enough CPU, RAM and flash.",
     fix="Allow or enlarge a PE, or let the module need less.",
     bad=_display_with("2"),
@@ -78,7 +79,7 @@ CRITICAL_DO_NOT_FIT = FAMILY.error(
     "DG303",
     "critical-do-not-fit",
     what="With everything up, not all functions of class A to D that a phase wants can be served at once.",
-    why="Degradation is for faults. A system that gives up a critical function without one has no reserve for one. "
+    why="Degradation is for faults. A system that gives up a critical function before any fault has no reserve. "
     "The best plan can serve the function alone, but not beside the others.",
     fix="Give the PEs more room, let modules need less or add smaller modes, lower a criticality to E, or set the "
     "priority to 0 in that phase.",
@@ -98,8 +99,8 @@ BUS_OVERLOADED = FAMILY.error(
     "DG305",
     "bus-overloaded",
     what="What must cross a bus, wherever modules are placed and whichever modes they take, is more than it may carry.",
-    why="Data may take max_load - reserve of the bit rate, in frames of the greatest length. Counted is only what is "
-    "forced: data that a function cannot do without, from PEs on one side of the bus to PEs on the other, at the "
+    why="Data may take max_load - reserve of the bit rate, in frames of the greatest length. Only forced data "
+    "count: those that a function cannot do without, from PEs on one side of the bus to PEs on the other, at the "
     "lowest rate of the modules that give it.",
     fix="Lower the rates, add a slower mode, bring producer and consumer to one PE, or raise the bit rate.",
     bad=_slow_bus("60"),
@@ -111,7 +112,7 @@ LATE = FAMILY.error(
     what="A function is not served with everything up, only because data would miss its deadline on a bus.",
     why="The response-time analysis of CAN bounds how late a datum can be: it waits for one frame that has just "
     "started, and for all that has a smaller identifier. A datum without `deadline_ms` must arrive within its period.",
-    fix="Raise the deadline, lower the rates of what goes first, raise the bit rate, or let producer and consumer "
+    fix="Raise the deadline, lower the rates of more urgent frames, raise the bit rate, or let producer and consumer "
     "share a PE.",
     bad="variables:\n  speed: {type: FLOAT, deadline_ms: 0.5}\n",
     good="variables:\n  speed: {type: FLOAT, deadline_ms: 5}\n",
@@ -122,7 +123,7 @@ RESERVE_TOO_SMALL = FAMILY.error(
     what="The `reserve` of a bus is less than what management sends there all the time.",
     why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE, frames of "
     "up to 135 bits. Without room for them healthy PEs fall silent, and are declared down.",
-    fix="Raise `reserve` to the share that is named, or `heartbeat_ms`.",
+    fix="Raise `reserve` to the share in the message, or raise `heartbeat_ms`.",
     bad="buses: {can0: {bitrate: 1000000, reserve: 0.01}}\n",
     good="buses: {can0: {bitrate: 1000000, reserve: 0.1}}\n",
 )

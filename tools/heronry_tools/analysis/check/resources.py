@@ -1,12 +1,12 @@
-"""The check of DG3xx: room, bandwidth and time for what is wanted, with everything up.
+"""The check of DG3xx: room, bandwidth and time for all that is wanted, with everything up.
 
-What needs no solver comes first: modules beside PEs, the reserve beside management, and the traffic that is forced.
-Then the planner is used (servable.py). Each cause is reported once: a function whose module fits nowhere, or whose data
-overloads a bus by itself, is not checked again; one that only deadlines keep from being served is reported as late; and
-one that could not be served with unlimited resources is left to the rules of the graph.
+Checks without a solver come first: each module against the PEs, each bus's reserve against its management frames, and
+the forced traffic. Then the planner is used (servable.py). Each cause is reported once: a function whose module fits
+nowhere, or whose data overload a bus alone, is not checked again; a function that only deadlines keep from being served
+is reported as late; and a function that could not be served with unlimited resources is left to the rules of the graph.
 
-A spec with more sources than identifiers (DG505) has no order on its buses, and one whose management takes all of a bus
-(DG307) no time; neither is planned.
+A spec with more sources than identifiers (DG505) is not planned, since the priorities of its frames are unknown; nor is
+a spec with a bus that management fills (DG307), since no datum would ever arrive there.
 """
 
 from collections.abc import Collection, Iterable
@@ -66,7 +66,7 @@ def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:
         required = [f"feature {name}" for name in sorted(module.requires)]
         required += [f"device {module.device}"] if module.device is not None else []
         required += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
-        return f"none has what it requires, {listed(required)}" if required else "there is none"
+        return f"none has what it requires, {listed(required)}" if required else "the spec has no PE"
     least = min(module.modes.values(), key=lambda mode: (mode.cpu_millis, mode.ram))
     return _too_large(spec, module, least, hosts)
 
@@ -102,7 +102,7 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """States, LEASE and ALIVE at their longest: those of the bus itself, and what gateways pass up through it."""
+    """Give the bit/s of longest states, LEASE and ALIVE: those of the bus, and those that gateways pass up."""
     left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
     own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
@@ -116,12 +116,12 @@ def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
 
 
 def _is_swamped(spec: Spec, bus: Bus) -> bool:
-    """Tell whether management alone takes all of a bus, so that nothing else ever arrives."""
+    """Tell whether management alone takes all of a bus, so that no data ever arrive."""
     return bus.kind == "wired" and sum(_management_bits_per_s(spec, bus)) >= bus.bitrate
 
 
 class _Serving:
-    """Which functions cannot be served with everything up, and for which of the possible reasons."""
+    """Finds the functions that cannot be served with everything up, and the reason for each."""
 
     def __init__(self, subject: Subject, findings: Findings) -> None:
         from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules does not need
@@ -135,7 +135,7 @@ class _Serving:
         self._unlimited = servable.Planning(servable.without_limits(self._spec))
 
     def check(self) -> None:
-        """Check all that is critical in any phase together; where that does not fit, each function and phase."""
+        """Check the critical functions of all phases together; where they do not fit, each function and each phase."""
         possible = self._planning.possible(_union(self._wanted.values()))
         critical = _union(self._critical.values()) & possible
         fitting = critical if self._planning.all_at_once(critical).configuration is not None else frozenset[str]()
@@ -145,7 +145,7 @@ class _Serving:
             self._each_phase(critical - never)
 
     def _never_fits(self, name: str) -> bool:
-        """Tell whether a function cannot be served by itself, and report why."""
+        """Tell whether a function cannot be served even if nothing else is wanted, and report why."""
         if not self._planning.all_at_once([name]).impossible:
             return False
         wanted = [phase for phase in self._phases if name in self._wanted[phase]]
@@ -181,7 +181,7 @@ class _Serving:
             f"function '{name}' (class {classes}) finds no room beside the other critical ones{when}, "
             "with everything up"
         )
-        hint = "give the PEs more room, or let modules need less; `heronry plan` shows which modules have it"
+        hint = "give the PEs more room, or let modules need less; `heronry plan` shows which modules take the room"
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
@@ -204,7 +204,7 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Report the data that would be late in a configuration that serves what no legal one does."""
+        """Report the late data of a configuration that serves functions which no legal configuration serves."""
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):
@@ -217,7 +217,7 @@ class _Serving:
             self._findings.add(rules.LATE, place, sentence, self._before(times, late, published))
 
     def _before(self, times: ResponseTimes, late: Late, published: Iterable[Hop]) -> str:
-        """What goes before a datum on its bus, with its own response time and deadline."""
+        """List the frames that go before a datum on its bus, each with its response time and deadline."""
         there = [one for one in times.responses(published) if one.hop.bus == late.hop.bus]
         ahead = there[: [one.hop for one in there].index(late.hop)]
         shown = [
@@ -227,9 +227,8 @@ class _Serving:
         ]
         more = [f"{len(ahead) - _SHOWN} more"] if len(ahead) > _SHOWN else []
         bus = self._spec.buses[late.hop.bus]
-        return (
-            f"before it go management every {bus.heartbeat_ns / 1e6:g} ms{''.join(f', {one}' for one in shown + more)}"
-        )
+        others = "".join(f", {one}" for one in shown + more)
+        return f"frames that go first: management every {bus.heartbeat_ns / 1e6:g} ms{others}"
 
 
 def _union(sets: Iterable[frozenset[str]]) -> frozenset[str]:

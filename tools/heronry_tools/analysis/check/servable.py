@@ -1,11 +1,11 @@
 """What a check needs from the planner: whether some functions can all be served, and which a phase gives up.
 
-The exact planner answers everything, and gets the cheap problem first: a set of functions is wanted, all alike, and
-nothing else. Where all of them can be served, every best plan of any phase that wants no other critical function serves
-them: a level of the objective that can reach its bound does. Only where they cannot is the whole phase planned, with
-its priorities.
+The exact planner answers both, and gets the cheap problem first: only these functions are wanted, all with the same
+priority. Where all of them can be served, so does every best plan of a phase that wants no other critical function,
+because the planner reaches the bound of a level of the objective where it can. Only where they cannot all be served is
+the whole phase planned, with its priorities.
 
-Identifiers and with them response times are those of the whole spec: that is what is on the bus.
+Identifiers, and with them response times, are always those of the whole spec, since these are on the bus.
 """
 
 from collections.abc import Collection, Mapping
@@ -25,7 +25,9 @@ from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.exact import Search, plan
 from heronry_tools.analysis.check.wanted import Phase
 
-_EFFORT: Final = 5.0  # deterministic seconds for one question; those about the shipped specs take a hundredth of it
+_EFFORT: Final = (
+    5.0  # deterministic seconds for one question; a question about a shipped spec takes a hundredth of this
+)
 _NO_DEADLINE_NS: Final = 10**18
 PLENTY: Final = 10**12
 NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
@@ -48,7 +50,7 @@ def without_limits(spec: Spec) -> Spec:
 class Answer:
     """A configuration that serves all required functions; without one, whether it is proven that there is none.
 
-    It may serve more: with something down, one that is known from another question does as well.
+    With elements down, the configuration may be one from another question, which serves more functions.
     """
 
     configuration: Configuration | None
@@ -56,7 +58,7 @@ class Answer:
 
     @property
     def impossible(self) -> bool:
-        """Tell whether it is proven that no configuration serves all of them."""
+        """Tell whether it is proven that no configuration serves all required functions."""
         return self.proven and self.configuration is None
 
 
@@ -66,7 +68,9 @@ class Planning:
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
         self._plans: dict[Phase, Plan] = {}
-        self._known: list[tuple[Configuration, frozenset[str]]] = []  # found so far, each with all that it uses
+        self._known: list[
+            tuple[Configuration, frozenset[str]]
+        ] = []  # configurations found so far, each with the elements that it uses
 
     @cached_property
     def times(self) -> ResponseTimes:
@@ -86,7 +90,7 @@ class Planning:
     ) -> Answer:
         """Tell whether some functions can all be served, with some elements down.
 
-        least: the value that functions must be served with; 0 for one that is not named.
+        least: the value with which each function must be served; 0 for a function that is not named.
         """
         known = self.survives(functions, down, least) if down else None
         if known is not None:
@@ -115,7 +119,7 @@ class Planning:
         return self._plans[phase]
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
-        """Tell which of some functions the best plan of a phase gives up; with faults, the contingency plan."""
+        """Name those functions that the best plan of a phase gives up; with elements down, the contingency plan."""
         found = self.healthy(phase)
         if down:
             found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)
@@ -134,7 +138,7 @@ class Planning:
         down: frozenset[str] = frozenset(),
         least: Mapping[str, int] = NOTHING_ASKED,
     ) -> Candidates:
-        """Give what may run where these functions are all that is wanted, each as much as the other.
+        """Give the candidates of a plan that wants only these functions, each as much as the others.
 
         A mode is worth 1 where it is at least as good as required, and nothing otherwise.
         """

@@ -23,14 +23,14 @@ Lost = Mapping[str, tuple[Phase, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What is lost with one element."""
+    """The functions that are lost with one element."""
 
     element: str
     functions: Lost
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Every element with which something critical is lost; no module whose device loses the same."""
+    """Find every element whose loss alone loses a critical function; no module whose device loses the same."""
     spec = planning.spec
     critical = _fitting(planning)
     known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
@@ -45,7 +45,7 @@ def losses(planning: Planning) -> Iterator[Loss]:
 
 
 def _single(spec: Spec) -> Iterator[str]:
-    """Elements that one fault can take away; of a replicated bus one channel, whose loss has no effect."""
+    """List the elements that one fault takes away; of a replicated bus one channel, whose loss has no effect."""
     for element in elements(spec):
         kind, _, name = element.partition(":")
         if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
@@ -53,7 +53,7 @@ def _single(spec: Spec) -> Iterator[str]:
 
 
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
-    """Critical functions by phase, of phases in which all of them are served with everything up."""
+    """Give the critical functions of those phases in which all of them are served with everything up."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
     if planning.all_at_once(frozenset[str]().union(*by_phase.values())).configuration is not None:
         return by_phase
@@ -61,7 +61,7 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
 
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
-    """Critical functions that a fault loses, in the spec's order."""
+    """List the critical functions that a fault loses, in the spec's order."""
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
     if planning.all_at_once(possible, down).configuration is None:
@@ -73,6 +73,6 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
 
 
 def _device_of(spec: Spec, element: str) -> str:
-    """The device of a module as an element; for a module without one, a name that is no element."""
+    """Give the device of a module as an element; for a module without a device, a name that is no element."""
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

@@ -9,7 +9,7 @@ Phase = str | None
 
 
 def phases(spec: Spec) -> tuple[Phase, ...]:
-    """Name the phases of a spec; None stands for the only one of a spec without."""
+    """Name the phases of a spec; for a spec without phases, None stands for the only one."""
     return tuple(spec.phases) or (None,)
 
 
@@ -19,7 +19,7 @@ def wanted_functions(spec: Spec, phase: Phase) -> frozenset[str]:
 
 
 def critical_functions(spec: Spec, phase: Phase) -> frozenset[str]:
-    """Functions of class A to D among those."""
+    """Functions of class A to D whose priority in a phase is not 0."""
     least = CRITICALITIES[-1]
     return frozenset(
         name for name in wanted_functions(spec, phase) if spec.functions[name].criticality_in(phase) != least
@@ -27,7 +27,7 @@ def critical_functions(spec: Spec, phase: Phase) -> frozenset[str]:
 
 
 def in_phases(spec: Spec, chosen: Collection[Phase]) -> str:
-    """Write ` in glide and landing`; nothing for a spec without phases."""
+    """Write the phases as ` in glide and landing`; an empty text for a spec without phases."""
     if not spec.phases:
         return ""
     if len(chosen) == len(spec.phases):

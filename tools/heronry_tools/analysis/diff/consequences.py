@@ -28,7 +28,7 @@ from heronry_manager.planner.exact import plan
 
 @dataclass(frozen=True, slots=True)
 class PhaseConsequences:
-    """What follows in one phase with nothing down."""
+    """The consequences of a spec in one phase, with nothing down."""
 
     served: Mapping[str, str | None]  # function -> mode and value; None: not served
     hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
@@ -38,7 +38,7 @@ class PhaseConsequences:
 
 @dataclass(slots=True)
 class Consequences:
-    """Works out consequences; what it has planned for one spec it tries on the next."""
+    """Works out consequences; the plans of one spec are tried on the next spec."""
 
     known: list[Configuration] = field(default_factory=list)
 
@@ -103,7 +103,7 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
 
 
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
-    """Tell whether a configuration, less what died, still serves some functions and is legal."""
+    """Tell whether a configuration, without the modules and wires that are lost, is legal and serves some functions."""
     left = _remains(spec, now, known)
     if not all(any(output in left.modules for output in function.outputs) for function in wanted):
         return False
@@ -111,7 +111,7 @@ def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[F
 
 
 def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
-    """The part of a configuration that still works: no module without a PE, no wire without a giver."""
+    """Give the part of a configuration that still works: every module has a PE, every wire has a producer."""
     left = survivors(spec, now)
     modules = {
         name: running

@@ -17,7 +17,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """Single points of failure of one function: no more, now, and still."""
+    """Single points of failure of one function: those that are gone, those that are new, and those that are left."""
 
     gone: tuple[str, ...]
     new: tuple[str, ...]
@@ -26,7 +26,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class PhaseDifference:
-    """Old and new values of everything that differs in a phase."""
+    """Old and new values of all that differs in one phase."""
 
     phase: str | None
     against: str | None  # the phase of the old spec
@@ -42,7 +42,7 @@ class PhaseDifference:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Everything that a reviewer should see."""
+    """Everything that a reviewer of a changed spec should see."""
 
     old: Spec
     new: Spec
@@ -78,7 +78,7 @@ def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str
 
 
 def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
-    """The points of each function that both specs serve, or that is new; a function no longer served has none."""
+    """Give the changes for each function that both specs serve or that is new; a function no longer served has none."""
     for function, points in new.items():
         was = old.get(function, ())
         moved = Moved(

@@ -30,7 +30,7 @@ _UNITS: Final[
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """One field; None where it has no value."""
+    """One changed field; None where it has no value."""
 
     field: str
     old: str | None
@@ -47,7 +47,7 @@ class ElementChange:
 
 
 def element_changes(old: Spec, new: Spec) -> tuple[ElementChange, ...]:
-    """List every element that is not the same in both, in the order of the specs."""
+    """List every element that differs between two specs, in their order."""
     before, after = dict(_elements(old)), dict(_elements(new))
     return tuple(
         ElementChange(element, _change(element, before, after), changes)
@@ -129,7 +129,7 @@ def _flat(element: object) -> Fields:
 
 
 def _named(field: str, value: object) -> Fields:
-    """A field under the key of the spec; nothing for what is left out."""
+    """Write a field under the key of the spec; nothing for a field that is left out."""
     if value is None or value in ((), frozenset(), {}):
         return {}
     key, parts = _UNITS.get(field, (field, 1))
@@ -155,7 +155,7 @@ def _text(value: object) -> str:
 
 
 def _entry(key: object, value: object) -> str:
-    """An entry of a map by phase, whose default has no name, or of `gives`."""
+    """Write an entry of `gives`, or of a map by phase, whose default has no name."""
     return _text(value) if key is None else f"{key}: {_text(value)}"
 
 

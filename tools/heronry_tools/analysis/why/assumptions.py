@@ -1,8 +1,8 @@
-"""All that could keep a function from being served, as a list of assumptions that could be relaxed.
+"""Everything that could keep a function from being served, as a list of assumptions that can be relaxed.
 
 An assumption that is *relaxed* no longer holds: an element is up again, a capacity is unlimited, a rule is gone,
-another function may be lost. `relaxed` gives the spec, the elements that are down and the functions that must be served
-when some are; the planner answers the question.
+another function may be lost. `relaxed` changes the question accordingly: the spec, the elements that are down, and the
+functions that must be served. The planner answers it.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -36,7 +36,7 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions: what explains least first, what is down last."""
+    """List all assumptions: those that explain least come first, elements that are down come last."""
     return list(_assumptions(question, goal))
 
 
@@ -53,7 +53,7 @@ def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
 
 
 def relaxed(question: Question, without: Collection[Assumption]) -> Question:
-    """The question without some assumptions."""
+    """Give the question with some assumptions relaxed."""
     names: dict[Kind, set[str]] = {}
     for one in without:
         names.setdefault(one.kind, set()).add(one.name)
@@ -94,7 +94,7 @@ def _others(rules: tuple[tuple[str, ...], ...], gone: Collection[str]) -> tuple[
 
 
 def capacity(spec: Spec, one: Assumption) -> int:
-    """How much there is: thousandths of a core, bytes, or bit/s of the bit rate."""
+    """Give the amount of a capacity: thousandths of a core, bytes, or bit/s of the bit rate."""
     match one.kind:
         case "bandwidth":
             return spec.buses[one.name].bitrate
@@ -124,7 +124,7 @@ def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
 
 
 def in_words(spec: Spec, one: Assumption) -> str:
-    """An assumption as a sentence for the user."""
+    """Write an assumption as a sentence for the user."""
     match one.kind:
         case "down":
             return f"{checked_element(spec, one.name)} is down"

@@ -1,16 +1,17 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
-The plan is the best, so the following is impossible: the function (served at all where it is not, in its best
-mode where it is in a worse one) beside every other function as well served as it is in the plan. Why not?
+The *goal* is to serve the function, or, where the plan serves it in a worse mode, to serve it in its best mode; and to
+serve every other function as well as the plan does. The plan is the best one, so the goal is impossible. Why?
 
-*Reasons.* The assumptions (`assumptions`) make it impossible together. One after the other is left out, and stays out
-where it is impossible even so (a deletion filter). What is left is irreducible: without any one of them it would be
-possible. There may be other irreducible sets; what explains least is left out first.
+*Reasons.* The assumptions (`assumptions`) make the goal impossible together. They are relaxed one after the other, and
+one without which the goal is still impossible stays relaxed (a deletion filter). The rest is irreducible: without any
+one of them the goal would be possible. There may be other irreducible sets; the assumptions that explain least are
+relaxed first.
 
 *Repairs.* A repair must relax something of every irreducible set. The smallest repair is found as a smallest hitting
-set of the irreducible sets that are known; if that is no repair, it shows a further irreducible set. Only what can be
-bought or brought back counts: elements that are down, CPU, memory, bandwidth. How much of a capacity is needed is found
-by bisection. A repair counts only if the planner, given the repaired system, really serves the function.
+set of the irreducible sets that are known; if that is no repair, it shows a further irreducible set. A repair can only
+bring back elements that are down, or add CPU, memory or bandwidth. The amount of a capacity that is needed is found by
+bisection. A repair counts only if the planner, given the repaired system, really serves the function.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,8 +38,8 @@ from heronry_tools.analysis.why.assumptions import (
 )
 from heronry_tools.console.errors import UserError
 
-_MOST_TRIES: Final = 40  # hitting sets tried; the shipped specs take a few
-_MOST_PARTS: Final = 4  # elements and capacities of one repair
+_MOST_TRIES: Final = 40  # hitting sets that are tried; the shipped specs need a few
+_MOST_PARTS: Final = 4  # most elements and capacities of one repair
 
 Possible = Callable[[Iterable[Assumption]], bool]
 """Tells whether the goal is possible without some assumptions."""
@@ -54,14 +55,14 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """How a function is served or not, why, and what would repair that."""
+    """Whether and how a function is served, the reasons, and the repairs."""
 
     function: Function
     now: Situation
     report: FunctionReport
     best_value: int
     reasons: tuple[Assumption, ...]
-    repairs: tuple[Repair, ...]  # all repairs of one part, or else one of the smallest; none: nothing helps
+    repairs: tuple[Repair, ...]  # all repairs that have one part, or else one smallest repair; empty: no repair helps
 
 
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
@@ -77,7 +78,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
     every = assumptions(question, function.name)
-    if _is_possible(question):  # then only its own low worth keeps it from being served
+    if _is_possible(question):  # then only the low worth of the function keeps it from being served
         return unknown
 
     def possible(without: Iterable[Assumption]) -> bool:
@@ -107,7 +108,7 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Shrink assumptions that make the goal impossible to some of them that do, each of which is needed."""
+    """Reduce assumptions that make the goal impossible to a subset that does, too, and of which each is needed."""
     gone = list(without)
     kept = list(these)
     for one in these:
@@ -120,7 +121,7 @@ def _irreducible(
 def _repairs(
     question: Question, every: Sequence[Assumption], function: Function, now: Situation, possible: Possible
 ) -> Iterator[Repair]:
-    """Find the smallest repairs: every one that has a single part, else one."""
+    """Find the smallest repairs: all that have a single part, else one."""
     soft = [one for one in every if one.kind in MENDABLE]
     if not possible(soft):
         return
@@ -135,7 +136,7 @@ def _repairs(
 
 
 def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
-    """Sets of assumptions without which it is possible, the smaller ones first; none contains another one."""
+    """Give sets of assumptions without which the goal is possible, smaller ones first; none contains another one."""
     cores: list[frozenset[Assumption]] = []
     found: list[frozenset[Assumption]] = []
     for _ in range(_MOST_TRIES):
@@ -152,7 +153,7 @@ def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator
 def _smallest_hitting(
     cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
 ) -> tuple[Assumption, ...] | None:
-    """Find a smallest set with something of every core that contains no repair that is known already."""
+    """Find a smallest set that has a member of every core and contains no known repair."""
     names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
     for size in range(min(_MOST_PARTS, len(names)) + 1):
         for parts in combinations(names, size):
@@ -163,7 +164,7 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Find out how much of each capacity it takes: of one after the other, with the rest unlimited until measured."""
+    """Find the amount needed of each capacity, one after the other; those not yet measured are unlimited."""
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)
     needed = []
@@ -175,7 +176,7 @@ def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
 
 
 def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
-    """Find the least capacity that is enough; `there_is` is not."""
+    """Find the least amount of a capacity that is enough; the amount `there_is` is not enough."""
     too_little, enough = there_is, max(1, 2 * there_is)
     while enough < PLENTY and not _is_possible(_with(question, one, enough)):
         too_little, enough = enough, 2 * enough

@@ -1,7 +1,7 @@
-"""From a spec to its graph: every symbol once, and every edge that data can take.
+"""From a spec to its graph: every symbol once, and every edge along which data can flow.
 
 An input that stands alone needs no gate: its variable goes straight to the mode. The leaf of a DEMUX's branch comes
-out of the DEMUX. With a function given, the graph holds what may contribute to it in whatever mode, and nothing else.
+out of the DEMUX. With a function given, the graph has only what may contribute to that function, in any mode.
 """
 
 from collections.abc import Iterator
@@ -154,7 +154,7 @@ class _Builder:
 
 
 def accepted_versions(spec: Spec, leaf: Leaf) -> str:
-    """Versions that an input accepts, as a spec writes them; nothing where it takes all."""
+    """Write the versions that an input accepts, as a spec writes them; an empty text where it accepts all."""
     if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
         return ""
     return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"

@@ -1,7 +1,7 @@
-"""The dependency graph as nodes and edges: what a picture of it shows, before anything has a place.
+"""The dependency graph as nodes and edges: the content of a picture, without the places of the symbols.
 
 The symbols are those of the paper, section 3.1 and Figures 1 to 3: modules, variables, devices, and the four gates.
-`build` makes a Graph of a spec; `ranks`, `ordering` and `layout` give it a place; `svg` and `text` write it.
+`build` makes a Graph of a spec; `ranks`, `ordering` and `layout` place its symbols; `svg` and `text` write it.
 """
 
 from collections.abc import Mapping
@@ -27,9 +27,9 @@ class Node:
     key: str
     kind: Kind
     label: str  # the name, or what stands in the symbol of a gate
-    note: str = ""  # said below the name, smaller
+    note: str = ""  # a note below the name, in smaller letters
     cells: tuple[Cell, ...] = ()  # modes of a module that has more than one
-    again: bool = False  # a variable that stands on another sheet as well, and is given there
+    again: bool = False  # a variable that is drawn solid on another sheet, where it is given
     initial: bool = False  # a variable that has a value before it is received: a cycle may pass through it
     dead: bool = False  # cannot run, hold or be given
     chosen: bool = False  # runs, holds or is given in the plan
@@ -41,8 +41,8 @@ class Edge:
 
     source: str
     target: str
-    label: str = ""  # which versions, where not all
-    out_cell: int | None = None  # the mode that it leaves; None: the symbol itself
+    label: str = ""  # the versions that flow, where not all do
+    out_cell: int | None = None  # the mode from which the edge comes; None: from the symbol itself
     in_cell: int | None = None
     dead: bool = False
     chosen: bool = False

@@ -1,9 +1,9 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Within a column every symbol should stand level with what it is joined to, and no two may be closer than a gap: this
-least-squares problem has an exact solution (pool adjacent violators), computed column by column, to and fro. Between
-two columns an edge is one curve; across a column it is straight, at a height that is its own. Feedback runs below the
-graph and back.
+Within a column every symbol should stand level with the symbols to which edges join it, and no two symbols may be
+closer than a gap. This least-squares problem has an exact solution (pool adjacent violators); it is computed column by
+column, from left to right and back. Between two columns an edge is one curve; across a column it is straight, at a
+height of its own. Feedback runs below the graph and back.
 """
 
 from collections.abc import Iterator, Mapping
@@ -66,7 +66,7 @@ class Layout:
 
 
 def laid_out(graph: Graph) -> Layout:
-    """Give a graph its places; the same graph gets the same ones."""
+    """Place the symbols and edges of a graph; the same graph gets the same places."""
     ranks = ranked(graph)
     layers = ordered(graph, ranks)
     feedback = sorted(ranks.feedback)
@@ -113,7 +113,7 @@ class _Placing:
         )
 
     def _in_ports(self) -> dict[int, int]:
-        """Heights, in the target's box, at which edges end: side by side, in the order in which they come."""
+        """Give the heights in a target's box at which edges end: side by side, in the order of their arrival."""
         place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
         comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
         for segment in self._layers.segments:
@@ -158,7 +158,7 @@ class _Placing:
                 self._y.update(zip(column, self._apart(column, wanted), strict=True))
 
     def _straighten(self) -> None:
-        """Keep long edges at their height as far as there is room, so that they step once and not in every column."""
+        """Keep long edges at one height where there is room, so that they step once and not in every column."""
         before = {segment.target: segment for segment in self._layers.segments if segment.target.startswith("~")}
         for column in self._layers.columns:
             for places in (range(len(column)), reversed(range(len(column)))):
@@ -184,12 +184,12 @@ class _Placing:
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Straightness: long edges first."""
+        """Give the weight of a segment in straightening: long edges come first."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 
     def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Heights nearest to the wanted ones, with weights, so that no symbol overlaps the next (rounded down)."""
+        """Give the heights nearest to the wanted, weighted ones at which no symbol overlaps the next (rounded down)."""
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
@@ -233,7 +233,7 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Where an edge meets its target: farther right above and below the middle of a circle."""
+        """Give the x at which an edge meets its target; on a circle it is farther right above and below the middle."""
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"

@@ -61,7 +61,7 @@ class Marks:
         return running is not None and running.mode == mode.name and path in running.inputs
 
     def gate_chosen(self, module: Module, mode: Mode, gate: Expression, path: str) -> bool:
-        """Tell whether a gate holds by something that is wired below it."""
+        """Tell whether a gate holds because of inputs that are wired below it."""
         running = self.running(module)
         if running is None or running.mode != mode.name or not holds(gate, running.inputs, path):
             return False

@@ -1,9 +1,9 @@
 """The column of each symbol: data flows to the right, sensors stand at the left and actuators at the right.
 
-A feedback edge is one out of a variable with an initial value that would close a cycle; it is left out here and drawn
-around the graph. Then two rankings are tried, everything as far left and everything as far right as it goes; each is
-tightened symbol by symbol, and the one with the shorter edges is taken. Everything goes by the order of the graph, so
-that the same graph gives the same picture.
+A feedback edge is an edge out of a variable with an initial value that would close a cycle; it is left out here and
+drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
+right. Each is tightened symbol by symbol, and the one with the shorter edges is taken. All steps follow the order of
+the graph, so that the same graph gives the same picture.
 """
 
 from collections.abc import Collection, Mapping
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from heronry_dg.cycles import components
 from heronry_tools.reports.render.graph import Edge, Graph
 
-# Weights of edges: a driver stands by its sensor, what is given by its giver; what goes out of a variable may run far.
+# Weights of edges: a driver should stand by its sensor, a variable by its giver; edges out of a variable may be long.
 _FROM_SENSOR, _ADJACENT, _FROM_VARIABLE = 4, 3, 1
 _SWEEPS = 12
 
@@ -40,7 +40,7 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Fewest edges out of variables with initial values, one by one, without which no cycle is left."""
+    """Find the fewest edges out of variables with initial values without which no cycle is left, one by one."""
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)
@@ -123,7 +123,7 @@ def _weight(source: str) -> int:
 
 
 def _length(edges: list[Edge], ranks: Mapping[str, int]) -> int:
-    """Length of all trunks: edges out of one symbol share their way."""
+    """Give the length of all trunks; the edges out of one symbol share a trunk."""
     ends: dict[str, int] = {}
     for edge in edges:
         ends[edge.source] = max(ends.get(edge.source, 0), ranks[edge.target] - ranks[edge.source])

@@ -1,4 +1,4 @@
-"""How large a symbol is, and where its edges end: in pixels from the upper left corner of its box.
+"""The size of a symbol, and where its edges end: in pixels from the upper left corner of its box.
 
 The box holds everything that belongs to a symbol, its name included. A module's name and cells stand in its square;
 the names of variables, devices and DEMUXes stand below them.
@@ -36,7 +36,7 @@ class Shape:
 
 
 def shape_of(node: Node, inputs: int) -> Shape:
-    """Size of a symbol with so many inputs."""
+    """Give the shape of a symbol with this number of inputs."""
     if node.kind == "module":
         return _module(node)
     if node.kind in ("and", "or", "xor"):
@@ -63,7 +63,7 @@ def _note(node: Node) -> tuple[str, ...]:
 
 
 def wrapped(text: str, separator: str) -> tuple[str, ...]:
-    """Break a text after separators into lines that are not too long, where it can be."""
+    """Break a text after separators into lines that are not too long, where it has separators."""
     lines: list[str] = []
     words = [word + separator for word in text.split(separator)]
     words[-1] = words[-1][: -len(separator)]
@@ -76,5 +76,5 @@ def wrapped(text: str, separator: str) -> tuple[str, ...]:
 
 
 def _text_width(lines: tuple[str, ...], size_px: int) -> int:
-    """Width of the widest line in a wide sans-serif face, rather too large than too small."""
+    """Estimate the width of the widest line in a wide sans-serif face, too large rather than too small."""
     return max((len(line) * size_px * 66 // 100 for line in lines), default=0)

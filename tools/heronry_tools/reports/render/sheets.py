@@ -1,9 +1,9 @@
 """A wide graph on several sheets, one below the other, as a text is broken into lines.
 
-A module stands on one sheet, and with it its gates and devices and the other branches of its DEMUX. From sheet to sheet
-data go by name: a variable stands on every sheet on which it is given or read, once as itself, where it is first given,
-and elsewhere again (dashed in the picture). The sheet of a symbol follows from its place in the picture in one piece,
-so that data still flow from left to right, and then from top to bottom.
+A module stands on one sheet, together with its gates, its devices and the other branches of its DEMUX. Data go from
+sheet to sheet by the name of a variable. A variable stands on every sheet on which it is given or read: solid where it
+is first given, and dashed on the other sheets. The sheet of a symbol follows from its place in a picture of the whole
+graph in one piece, so that data still flow from left to right, and then from top to bottom.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from heronry_tools.reports.render.graph import Graph
 from heronry_tools.reports.render.layout import Layout, laid_out
 
-_WIDEST = 2000  # pixels of a sheet, where it can be had
+_WIDEST = 2000  # pixels of a sheet, where possible
 _MOST = 16
 _VARIABLE = "variable:"
 
-_Middles = Mapping[str, int]  # symbol -> where its middle is, from the left, in the picture in one piece
+_Middles = Mapping[str, int]  # symbol -> the middle of its box, from the left, in the picture in one piece
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Sheet:
 
 
 def sheets(graph: Graph) -> tuple[Sheet, ...]:
-    """Lay a graph out on as few sheets as keep each of them from being too wide."""
+    """Lay a graph out on as few sheets as possible, none of them too wide."""
     whole = laid_out(graph)
     middles = {key: box.x + box.shape.width // 2 for key, box in whole.boxes.items()}
     found: tuple[Sheet, ...] = (Sheet(graph, whole),)
@@ -77,7 +77,7 @@ def _groups(graph: Graph) -> list[set[str]]:
 
 
 def _middle(group: Collection[str], middles: _Middles) -> int:
-    """Where a group stands: with its modules, however far its devices are."""
+    """Give the place of a group: that of its modules, without its devices."""
     modules = [key for key in group if key.startswith("module:")]
     return max(middles[key] for key in modules or group)
 

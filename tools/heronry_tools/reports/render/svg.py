@@ -1,7 +1,7 @@
 """A graph as a picture: one SVG file that needs nothing else.
 
-Edges are drawn first, chosen ones over the others, then the symbols over them; sheet by sheet, where there are several.
-Every symbol carries its key, and every edge its ends, so that programs find their way in the picture as well.
+Edges are drawn first, then chosen edges over them, then the symbols; sheet by sheet, where there are several sheets.
+Every symbol has its key in the file, and every edge its ends, so that programs can read the picture as well.
 """
 
 from collections.abc import Iterator
@@ -105,7 +105,7 @@ def _loop(loop: Loop) -> str:
 
 
 def _labels(graph: Graph, layout: Layout) -> Iterator[str]:
-    """Versions, where an edge arrives."""
+    """Write the versions of edges, each where its edge arrives."""
     ends = [(curve.edges[0], curve.end) for curve in layout.curves if curve.last]
     ends += [(loop.edge, loop.points[-1]) for loop in layout.loops]
     for number, (x, y) in ends:

@@ -16,7 +16,7 @@ def symbol(node: Node, box: Box) -> Iterator[str]:
     """Lines of SVG for one symbol."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
-    attribute = "data-again" if node.again else "data-key"  # a key is there once
+    attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture
     yield f"<g class={quoteattr(f'node {node.kind}{marks}')} {attribute}={quoteattr(node.key)}>"
     yield f"<title>{escape(_title(node))}</title>"
     yield from _module(node, box) if node.kind == "module" else _small(node, box)
@@ -49,7 +49,7 @@ def _module(node: Node, box: Box) -> Iterator[str]:
 
 
 def _small(node: Node, box: Box) -> Iterator[str]:
-    """A symbol with its name, if it has one, below."""
+    """Draw a symbol, with its name below it where it has one."""
     x, y, width, height = _body_x(box), box.y, box.shape.body_width, box.shape.body_height
     middle, level = x + width // 2, y + height // 2
     inside = node.label
@@ -88,7 +88,7 @@ def _shield(x: int, y: int, width: int, height: int) -> str:
 
 
 def _lines(box: Box, middle: int, top: int) -> Iterator[str]:
-    """Name and note, line by line."""
+    """Write name and note below each other."""
     for line in box.shape.name:
         yield f'<text class="name" x="{middle}" y="{top + 11}">{escape(line)}</text>'
         top += NAME_LINE

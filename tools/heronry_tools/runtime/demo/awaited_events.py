@@ -17,7 +17,7 @@ class AwaitedEvents:
     """The events of one manager, as they come."""
 
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
-        """Take over the stream, of a manager of this fleet; nothing else may read from it."""
+        """Take over the stream of a manager of this fleet; no other reader may use it."""
         self._fleet, self._stream = fleet, EventStream(stream)
         self._come: deque[dict[str, Any]] = deque()
 

@@ -1,8 +1,8 @@
-"""The python-can bus that stands for each bus of a spec in this run.
+"""The python-can bus that stands for each bus of a spec in a demo.
 
-The manager's bus is what the user named with python-can's flags; else vcan0 where this machine has one; else a software
-bus. Every other bus of the spec is what `--bus NAME=[INTERFACE:]CHANNEL` says, else a software bus. Of a replicated bus
-there are two, named with a comma between them.
+The manager's bus is the one that the user named with python-can's flags; else vcan0 where this machine has one; else a
+software bus. Every other bus of the spec is the one that `--bus NAME=[INTERFACE:]CHANNEL` names, else a software bus. A
+replicated bus has two channels, with a comma between their names.
 """
 
 import socket
@@ -29,7 +29,7 @@ class BusChoice:
     channels: int = 1
 
     def describe(self) -> str:
-        """One line for the user: which bus, and what it does not model."""
+        """Describe the bus in one line for the user: which bus, and what it does not model."""
         return f"{self.name}: {what_it_models(self.interface, self.channel)}"
 
     def configs(self) -> list[dict[str, Any]]:
@@ -51,7 +51,7 @@ def choose(
     *,
     prefer_vcan: bool = True,
 ) -> dict[str, BusChoice]:
-    """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
+    """Choose a bus for each bus of the spec; `first` is the manager's bus as python-can's flags name it.
 
     A bus named without an interface is SocketCAN's. Raises UserError for a bus that is named in both ways.
     """
@@ -77,7 +77,7 @@ def choose(
 
 
 def _channels(bus: Bus) -> list[str]:
-    """Names of a bus's channels: its own where it is not replicated."""
+    """Give the names of a bus's channels: the bus's own name where it is not replicated."""
     return [bus.name] if bus.channels == 1 else [f"{bus.name}.{number}" for number in range(1, bus.channels + 1)]
 
 

@@ -1,7 +1,7 @@
-"""One bus of the spec as an observer receives it: each frame once, of a replicated bus from either channel.
+"""An observer of one bus of the spec: it receives each frame once, on a replicated bus from either channel.
 
-The end of a bus with one channel is an error of the flight. A replicated one is received as the nodes receive it: a
-channel that fails is awaited.
+When the only channel of a bus ends, the observer raises an error, which ends the flight. When a channel of a replicated
+bus fails, the observer waits until it is back, as the nodes do.
 """
 
 import time
@@ -24,7 +24,7 @@ class Ear:
     """Listens to one bus; as a context manager it leaves it at the end."""
 
     def __init__(self, choice: BusChoice, bus: Bus) -> None:
-        """Open it; raises LinkError."""
+        """Open the bus; raises LinkError."""
         configs = choice.configs()
         self._bus: can.BusABC | ReplicatedLink = (
             open_bus(configs[0]).bus if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
@@ -43,11 +43,11 @@ class Ear:
 
     @property
     def readers(self) -> Sequence[Any]:
-        """Descriptors to wait on until something has come."""
+        """Give the descriptors to wait on until a frame has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[tuple[float, Frame]]:
-        """Yield what has come: the time in seconds of the wall clock, and the frame."""
+        """Yield the frames that have come, each with its time in seconds of the wall clock."""
         if isinstance(self._bus, ReplicatedLink):
             yield from _both(self._bus)
             return

@@ -1,6 +1,6 @@
 """The events of a manager that runs as a process of its own: a line of JSON each, read as they come.
 
-An event is given when its line is whole; one that has begun waits here for its rest.
+An event is given when its line is complete; the beginning of a line is kept until its rest comes.
 """
 
 import json
@@ -15,7 +15,7 @@ class EventStream:
     """The events of one manager; `select` can wait for them."""
 
     def __init__(self, pipe: IO[bytes]) -> None:
-        """Take over the pipe; nothing else may read from it."""
+        """Take over the pipe; no other reader may use it."""
         self._pipe, self._unread = pipe, b""
         self.has_ended = False  # nothing will come any more
 

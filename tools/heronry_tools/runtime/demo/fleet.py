@@ -41,7 +41,7 @@ _NAME = "heronry-demo-"
 
 
 def run_folder() -> Path:
-    """Make the folder of this run, and remove those of runs that are gone."""
+    """Make the folder of this run, and remove the folders of runs that have ended."""
     home, here = Path(tempfile.gettempdir()), _here()
     for old in home.glob(f"{_NAME}*-{here}"):
         number = old.name.removeprefix(_NAME).removesuffix(f"-{here}")
@@ -102,7 +102,7 @@ class Fleet:
         self.close()
 
     def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
-        """Start the software buses among them."""
+        """Start the software buses among these choices."""
         self._buses = choices
         for choice in choices.values():
             for config in choice.configs() if choice.is_ours else ():
@@ -189,7 +189,7 @@ class Fleet:
         return process.pid
 
     def ended(self) -> str | None:
-        """Sentence about a process that has ended by itself; None while all run."""
+        """Give a sentence about a process that has ended by itself; None while all run."""
         managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:

@@ -1,4 +1,4 @@
-"""From the arguments of `heronry demo` to a run, and the clean-up after it."""
+"""Runs the demo of `heronry demo`, and cleans up after it."""
 
 import argparse
 import shutil
@@ -51,7 +51,7 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """The manager's bus from python-can's flags; None where none is given."""
+    """Give the manager's bus from python-can's flags; None where no flag is given."""
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if interface is None and channel is None:
         return None

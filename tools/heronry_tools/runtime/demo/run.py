@@ -1,8 +1,8 @@
 """The demo's loop: events of the manager, frames of the buses, actions of the script, in one select loop.
 
-The show starts when the first configuration runs; its clock is the monotonic one of this machine, which the manager's
-events and the bus timestamps share. However it ends (time up, Ctrl-C, a process that died), the `with` that holds the
-fleet ends all processes.
+The demo's clock starts when the first configuration runs. It is the monotonic clock of this machine, as in the
+manager's events and the timestamps of the buses. However the demo ends (time up, Ctrl-C, a process that died), the
+`with` that holds the fleet ends all processes.
 
 The story's sentences about functions come from the witness, that is from frames; those about plans come from the
 manager.
@@ -28,9 +28,9 @@ from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 
 LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a process that dies is noticed immediately
-GRACE_S = 15.0  # extra time for what was begun before the time was up
-LONG_SILENCE_NS = 1_000_000_000  # silence that is reported before it is over
-_LOOK_S = 0.1  # period of the look for outages
+GRACE_S = 15.0  # extra time for actions whose effect is not complete when the time is up
+LONG_SILENCE_NS = 1_000_000_000  # a silence of this length is reported while it lasts
+_LOOK_S = 0.1  # period of the check for outages
 
 Tell = Callable[[Mapping[str, Any]], None]
 
@@ -53,7 +53,7 @@ class Show:
         self._mute = False
 
     def run(self, actions: Sequence[DemoAction | PhaseAction], seconds: float, record: IO[str] | None) -> int:
-        """Run these actions, for `seconds`; returns 0 if at the end all that the plan serves is heard on the bus."""
+        """Run these actions, for `seconds`; returns 0 if at the end every function of the plan is heard on the bus."""
         self._actions, self._seconds = list(actions), seconds
         with ExitStack() as stack:
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
@@ -96,7 +96,7 @@ class Show:
                 )
 
     def _over(self) -> bool:
-        """Tell whether the time is up, and what was begun is finished or has had its extra time."""
+        """Tell whether the time is up, and every action has had its effect or its extra time."""
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
         well = self._pending is None and not self._unserved()
@@ -171,7 +171,7 @@ class Show:
                 self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
 
     def _unserved(self) -> list[str]:
-        """Functions that the plan serves and the witness does not hear."""
+        """List the functions that the plan serves and the witness does not hear."""
         now_ns = time.monotonic_ns()
         planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
         return [name for name in planned if not self._witness.served(name, now_ns)]

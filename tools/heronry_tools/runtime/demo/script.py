@@ -17,7 +17,7 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 @dataclass(frozen=True, slots=True, order=True)
 class DemoAction:
-    """One action: seconds after the start (the first configuration runs), what, and to which PE or MANAGER."""
+    """One action: seconds after the start (the first configuration runs), its kind, and its PE or MANAGER."""
 
     at_s: float
     what: Literal["kill", "restore"]

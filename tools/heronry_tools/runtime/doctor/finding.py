@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """`check` is the word to filter by; `remedy` is a command line, or a sentence, and None where all is right."""
+    """One finding. `check`: the word to filter by; `remedy`: a command line or a sentence, None where all is right."""
 
     check: str
     says: str

@@ -1,4 +1,4 @@
-"""The check of a SocketCAN interface, from what the kernel tells of it alone."""
+"""The check of a SocketCAN interface, from the kernel's data about it."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ _ACTIVE_BELOW = 96  # of an error counter: then the controller is in ERROR-WARNI
 
 
 def assess_interface(name: str, interface: CanInterface | None, bitrate: int | None) -> Iterator[Finding]:
-    """Findings about an interface; `bitrate` is that of the spec's bus, in bit/s, where one is known."""
+    """Give findings about an interface; `bitrate` is that of the spec's bus, in bit/s, where one is known."""
     if interface is None:
         make = f"ip link add {name} type vcan && ip link set {name} up" if name.startswith("vcan") else "ip link"
         hint = (

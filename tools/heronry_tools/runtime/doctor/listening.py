@@ -1,6 +1,6 @@
 """The check of a bus by listening for a while: no node, no manager or two, two nodes with one node-ID.
 
-Only what is heard is assessed: `Hearing` takes frames and clock readings, `assess_hearing` turns them into findings.
+Only received frames are assessed: `Hearing` takes frames and clock readings, `assess_hearing` makes findings of them.
 """
 
 from collections import Counter
@@ -33,7 +33,7 @@ class Expected:
 
 @dataclass(slots=True)
 class Hearing:
-    """What was heard so far."""
+    """All that was heard so far."""
 
     frames: int = 0
     errors: Counter[str] = field(default_factory=Counter)
@@ -68,7 +68,7 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Note the node that is heard on a channel of a replicated bus; `take` gets the frame itself once."""
+        """Note that a node is heard on a channel of a replicated bus; `take` gets one copy of the frame."""
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)
@@ -82,7 +82,7 @@ class Hearing:
 
 
 def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
-    """Findings about what was heard in `seconds`."""
+    """Give findings about the frames that were heard in `seconds`."""
     yield _assess_traffic(heard, seconds)
     yield _assess_managers(heard)
     yield from _assess_nodes(heard, expected)
@@ -152,7 +152,7 @@ def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding
 
 
 def assess_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
-    """Findings about the spec that each PE says its table is of; None where it did not answer."""
+    """Findings about the specs of the PEs' tables, by the digest that each PE gave; None where a PE did not answer."""
     silent = [str(node) for node, digest in digests.items() if digest is None]
     if silent:
         yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "repeat on an idle bus")

@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("path", type=Path, help="where to make the bus's UNIX socket")
     parser.add_argument("-b", "--bitrate", type=_bitrate, default=DEFAULT_BITRATE, help="bit/s (default: %(default)s)")
     parser.add_argument(
-        "--until-eof", action="store_true", help="end when standard input ends, so with the process that holds it open"
+        "--until-eof", action="store_true", help="end when standard input ends, which the starting process holds open"
     )
     return parser
 

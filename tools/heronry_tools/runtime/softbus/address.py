@@ -22,7 +22,7 @@ _PENDING_CONNECTIONS = 64
 
 
 class HubError(HeronryError):
-    """A hub cannot run as asked; the message says why and what to do."""
+    """A hub cannot run at its path; the message says why and what to do."""
 
 
 class Address:

@@ -41,7 +41,7 @@ _LINGER_S = 1.0
 class SoftBus(can.BusABC):
     """A python-can bus on the hub at `channel`, the path of its UNIX socket.
 
-    `bitrate` may be left out; given, it must be the hub's. Raises CanInitializationError with a remedy.
+    `bitrate` may be left out; else it must be the hub's. Raises CanInitializationError with a remedy.
     """
 
     def __init__(
@@ -67,9 +67,9 @@ class SoftBus(can.BusABC):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a frame into the transmit mailbox; wait up to `timeout` (s, None: for ever) for it to be empty.
+        """Put a frame into the transmit mailbox; wait up to `timeout` (s, None: without end) until it is empty.
 
-        Raises CanOperationError when it stays full or the hub is gone, ValueError for what is no frame.
+        Raises CanOperationError when it stays full or the hub is gone, ValueError for a message that is no CAN frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 
@@ -86,14 +86,14 @@ class SoftBus(can.BusABC):
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Make a bad radio of the bus, for all clients and until the next call; without arguments a good one again.
+        """Let the bus behave as a bad radio, for all clients until the next call; without arguments as a wire.
 
         slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
         """
         self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable when `recv` has something to return or to raise."""
+        """Return the descriptor that is readable when `recv` can return a frame or raise."""
         return self._receive.fileno()
 
     def shutdown(self) -> None:

@@ -45,7 +45,9 @@ from heronry_wire.frame import Malformed
 MAX_CLIENTS = 400
 """A client takes two descriptors, and `select` takes none above 1023."""
 
-_MAX_CONNECTIONS = MAX_CLIENTS + 100  # so many more get the answer that the bus is full; the others wait
+_MAX_CONNECTIONS = (
+    MAX_CLIENTS + 100
+)  # a client above MAX_CLIENTS is told that the bus is full; connections above this number wait
 
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _TIMER_SLACK_NS = 1_000
@@ -66,7 +68,7 @@ class Hub:
         self._epoch_offset_ns = time.time_ns() - self._looked_ns
 
     def run(self, stop_fds: Iterable[int]) -> None:
-        """Be the bus until one of `stop_fds` becomes readable."""
+        """Serve the bus until one of `stop_fds` becomes readable."""
         _sharpen_timers()
         stops = frozenset(stop_fds)
         listener_fd = self._address.listener.fileno()
@@ -105,7 +107,7 @@ class Hub:
         try:
             command, _ = self._address.listener.accept()
         except OSError:
-            return  # it has gone again
+            return  # the client has gone again
         self._last_number += 1
         port = Port(self._last_number, command)
         self._ports.append(port)
@@ -185,7 +187,7 @@ class Hub:
                 port.deliver(record)
 
     def _is_missed(self) -> bool:
-        """Tell whether a receiver misses a frame, as receivers of a radio do."""
+        """Tell whether this receiver misses this frame, as a receiver of a bad radio does."""
         return self._loss_per_mille > 0 and self._random.randrange(1000) < self._loss_per_mille
 
     def _remove_the_gone(self) -> None:

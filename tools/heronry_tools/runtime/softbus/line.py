@@ -41,7 +41,7 @@ class Line:
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
-        self.slowdown = 1  # how many times longer bits take: a radio far from home
+        self.slowdown = 1  # how many times longer bits take, as on a weak radio
         self.frames = 0
         self.busy_ns = 0
         self._idle_since_ns = 0
@@ -49,15 +49,15 @@ class Line:
         self._offers: dict[int, tuple[int, BusFrame]] = {}
 
     def offer(self, client: int, offered: BusFrame) -> None:
-        """Let a client contend with a frame from `offered.time_ns` on; its mailbox must be empty."""
+        """Let a client contend for the bus with a frame from `offered.time_ns` on; its mailbox must be empty."""
         self._offers[client] = (arbitration_key(offered.frame), offered)
 
     def withdraw(self, client: int) -> None:
-        """Withdraw the offer of a client that has left, if it has one."""
+        """Withdraw the offer, if there is one, of a client that has left."""
         self._offers.pop(client, None)
 
     def next_deadline_ns(self) -> int | None:
-        """Return when `advance` has something to do next; None while nothing is offered."""
+        """Return the time (ns) at which `advance` must be called next; None while no frame is offered."""
         if self._on_air is not None:
             return self._on_air.end_ns
         return self._next_start_ns() if self._offers else None
@@ -78,7 +78,7 @@ class Line:
         return gone
 
     def frame_ns(self, sent: BusFrame) -> int:
-        """Return how long a frame occupies the bus, rounded up to whole ns."""
+        """Give the time for which a frame occupies the bus, in ns, rounded up."""
         return -(-exact_bits(sent.frame) * self.slowdown * NS_PER_S // self.bitrate)
 
     def _next_start_ns(self) -> int:

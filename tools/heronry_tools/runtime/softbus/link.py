@@ -57,7 +57,7 @@ class Link:
             self._mailbox_full = True
 
     def linger(self, timeout_s: float) -> bool:
-        """Wait until the mailbox is empty, and say whether it is."""
+        """Wait until the mailbox is empty; returns whether it is."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             return self._wait_for_mailbox(deadline_s)
@@ -143,7 +143,7 @@ def deadline_after(timeout_s: float | None) -> float | None:
 
 
 def hub_is_gone(path: str) -> CanOperationError:
-    """Return the error for a hub that has ended, or a bus that was shut down here."""
+    """Return the error for a hub that has ended, or for a bus that this process has shut down."""
     return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)} and open the bus again")
 
 

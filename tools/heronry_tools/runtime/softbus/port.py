@@ -55,7 +55,7 @@ class Port:
         return -1 if self.receive is None else self.receive.fileno()
 
     def read(self) -> tuple[bytes, list[int]]:
-        """Read one record and the descriptors that came with it; nothing when there is none."""
+        """Read one record and the descriptors that came with it; nothing when no record waits."""
         record = b""
         descriptors: list[int] = []
         try:
@@ -83,7 +83,7 @@ class Port:
         self.gone = True
 
     def join(self, receive_fd: int, *, wants_own: bool) -> bool:
-        """Take the receive socket that came with the hello; False if it is none."""
+        """Take the receive socket that came with the hello; returns False if the descriptor is no socket."""
         try:
             self.receive = socket.socket(fileno=receive_fd)
         except OSError:
@@ -93,7 +93,7 @@ class Port:
         return True
 
     def set_filters(self, filters: tuple[AcceptanceFilter, ...] | None) -> None:
-        """Accept from now on what passes at least one filter; None accepts everything."""
+        """From now on deliver only frames that pass at least one filter; None delivers every frame."""
         self._filters = filters
         self._verdicts.clear()
 
@@ -141,7 +141,7 @@ class Port:
         return True
 
     def statistics(self) -> ClientStatistics:
-        """Return what was counted for this client."""
+        """Return the counters of this client."""
         return ClientStatistics(self.number, self._pid, self._sent, self._received, self._overruns)
 
     def close(self) -> None:

@@ -37,14 +37,14 @@ _NO_DATA = bytes(MAX_DATA_BYTES)
 
 
 class BusFrame(NamedTuple):
-    """A frame on the software bus: `dlc` is also the length that a remote frame asks for."""
+    """A frame on the software bus; `dlc` is the length of its data, or the length that a remote frame requests."""
 
     frame: Frame
     dlc: int
     time_ns: int
-    """Offered: CLOCK_MONOTONIC of the sender when it offered. Received: end of frame, ns since the epoch."""
+    """Of an offered frame: CLOCK_MONOTONIC of the sender. Of a received one: end of the frame, ns since the epoch."""
     own: bool = False
-    """Received frames only: it was sent through this very connection."""
+    """Of a received frame: whether it was sent through this connection."""
 
 
 def encode_frame(sent: BusFrame) -> bytes:
@@ -71,7 +71,7 @@ def decode_frame(record: bytes) -> BusFrame | Malformed:
 
 
 def is_command(record: bytes) -> bool:
-    """Tell a JSON command or answer from a frame record."""
+    """Tell whether a record is a JSON command or answer; else it is a frame."""
     return record.startswith(b"{")
 
 

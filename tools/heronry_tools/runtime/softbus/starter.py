@@ -58,7 +58,7 @@ class HubProcess:
         self._process.communicate()
 
     def close(self) -> None:
-        """Stop the hub and wait until its socket is gone. Raises HubError with its story if it failed."""
+        """Stop the hub and wait until its socket is gone. Raises HubError, with its message, if the hub failed."""
         self._process.send_signal(signal.SIGCONT)
         self._process.terminate()
         try:
@@ -84,6 +84,6 @@ class HubProcess:
 def start_hub(path: str | Path, bitrate: int = 1_000_000) -> HubProcess:
     """Start a hub of `bitrate` (bit/s) at `path` and return when clients can connect.
 
-    Raises HubError with a sentence when it cannot run, such as when another hub lives at that path.
+    Raises HubError with the reason when the hub cannot run, for example when another hub has that path.
     """
     return HubProcess(Path(path), bitrate)

@@ -72,7 +72,11 @@ def _arguments(words: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--timeout", type=_seconds, metavar="S", help="end the command after S seconds, boot included")
     parser.add_argument(
-        "--interfaces", type=_interface_names, default=["vcan0"], metavar="A,B", help="the interfaces it finds (vcan0)"
+        "--interfaces",
+        type=_interface_names,
+        default=["vcan0"],
+        metavar="A,B",
+        help="the interfaces that the command finds (default: vcan0)",
     )
     parser.add_argument(
         "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="what to run, with its arguments"
@@ -106,14 +110,14 @@ def _interface_names(text: str) -> list[str]:
 
 
 def _can_utils() -> Path | None:
-    """The folder with candump and cansend if they have to be brought along; None if they are installed."""
+    """Give the folder with candump and cansend where they must be fetched; None where they are installed."""
     if shutil.which("candump") and shutil.which("cansend"):
         return None
     return debian_packages.unpacked("can-utils") / "usr" / "bin"
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """As _can_utils, for where the command may well do without them."""
+    """Do as _can_utils; give None where the tools cannot be fetched, since the command may not need them."""
     try:
         return _can_utils()
     except CannotRunError as error:

@@ -24,7 +24,7 @@ from heronry_tools.runtime.vcan.errors import CannotRunError
 
 
 def cache_folder() -> Path:
-    """Where packages are kept: ``heronry/uml/<release>-<processor>`` in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
+    """Give the folder of the packages: ``heronry/uml/<release>-<processor>`` in the user's cache folder."""
     return user_cache("uml") / f"{_release()}-{platform.machine()}"
 
 
@@ -76,7 +76,7 @@ def _fetch(package: str, staging: Path, folder: Path) -> None:
 
 
 def _downloaded(package: str, staging: Path) -> Path:
-    """Download with the system's package lists, else with lists of our own, into `staging`."""
+    """Download with the system's package lists, else with newly fetched lists, into `staging`."""
     as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user that may not write here
     lists = staging / "lists"
     own_lists = ["-o", f"Dir::State::Lists={lists}", "-o", f"Dir::Cache={staging / 'cache'}"]

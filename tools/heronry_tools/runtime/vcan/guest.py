@@ -19,7 +19,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from heronry_tools.runtime.vcan.job import Job, Result
 
-SHARED_MEMORY = "/dev/shm"  # noqa: S108 - the guest's own, and empty
+SHARED_MEMORY = "/dev/shm"  # noqa: S108 - a folder of the guest, and empty
 MOUNTS = (("proc", "/proc"), ("sysfs", "/sys"), ("tmpfs", "/run"), ("devpts", "/dev/pts"), ("tmpfs", SHARED_MEMORY))
 DEVICE_LINKS = (("fd", ""), ("stdin", "/0"), ("stdout", "/1"), ("stderr", "/2"))
 TERMINAL = "/dev/tty1"
@@ -103,12 +103,12 @@ def run_command(job: "Job") -> int:
 
 
 def drain_terminal(job: "Job") -> None:
-    """Wait until what the command wrote has left the guest, as setting a terminal's modes does."""
+    """Wait until the command's output has left the guest; setting a terminal's modes waits for that, too."""
     busybox(job, "stty", "-F", TERMINAL, "-opost")
 
 
 def carry_out(job: "Job") -> "Result":
-    """Everything between boot and power-off."""
+    """Set the guest up, run the command, and give the result, which is a failure where a step fails."""
     uses_terminal = TERMINAL in (job["stdout"], job["stderr"])
     try:
         mount_system(job)
@@ -124,7 +124,7 @@ def carry_out(job: "Job") -> "Result":
 
 
 def main() -> None:
-    """Do the job named by the one argument, then power off. The result is complete before it has its name."""
+    """Do the job whose file is the one argument, then power off. The result file gets its name when it is complete."""
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)
     result = carry_out(job)

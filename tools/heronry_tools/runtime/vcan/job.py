@@ -25,7 +25,7 @@ class Job(TypedDict):
 
 
 class Result(TypedDict):
-    """How it ended: exactly one of the two is there. No result at all means that the guest's kernel died."""
+    """How the job ended: exactly one of its two keys is there. Without a Result the guest's kernel has died."""
 
     exit_code: NotRequired[int]  # 0..255; 128 + n when signal n ended the command
     failure: NotRequired[str]  # why the command was not started

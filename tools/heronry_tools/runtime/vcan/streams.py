@@ -1,8 +1,8 @@
-"""The way of a command's output from a user-mode Linux to this program's stdout and stderr while it is written.
+"""Carries a command's output from a user-mode Linux to this program's stdout and stderr while it is written.
 
 Into a terminal: through a console of the guest and a pipe, so that the command sees a terminal of the same size. Into
 anything else: through a file that both sides see, followed as it grows, so that the command sees no terminal and no
-byte is lost when the guest stops. Where both streams go to one place they share one file, which keeps their order.
+byte is lost when the guest stops. Where stdout and stderr go to one place they share one file, which keeps their order.
 """
 
 import os
@@ -12,7 +12,7 @@ from heronry_tools.runtime.vcan.guest import TERMINAL
 
 
 class Streams:
-    """The command's stdout and stderr: where they begin in the guest, and how they get to ours."""
+    """The command's stdout and stderr: where they begin in the guest, and how they get to this program's own."""
 
     def __init__(self, folder: Path) -> None:
         self.places: list[str] = []
@@ -49,7 +49,7 @@ class Streams:
         return moved
 
     def close(self) -> None:
-        """Close our ends; the files themselves go with their folder."""
+        """Close this program's ends; the files themselves are removed with their folder."""
         for source, _ in self._routes:
             os.close(source)
         if self.console is not None:

@@ -190,7 +190,7 @@ def _die_with_parent() -> None:
 
 
 def _adopt_orphans() -> None:
-    """Let this process reap what the guest leaves; a container's first process may not do that."""
+    """Let this process reap the guest's orphans; the first process of a container may not do that."""
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
@@ -209,11 +209,11 @@ def _exit_code(folder: Path) -> int:
         result: Result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise CannotRunError(
-            f"the user-mode Linux stopped before the command had ended; its last words:\n{_tail(folder)}"
+            f"the user-mode Linux stopped before the command had ended; its last output:\n{_tail(folder)}"
         ) from None
     if "exit_code" in result:
         return result["exit_code"]
-    raise CannotRunError(f"inside the user-mode Linux, {result['failure']}; its last words:\n{_tail(folder)}")
+    raise CannotRunError(f"inside the user-mode Linux, {result['failure']}; its last output:\n{_tail(folder)}")
 
 
 def _tail(folder: Path) -> str:
