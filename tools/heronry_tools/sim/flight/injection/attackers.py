@@ -1,4 +1,4 @@
-"""What foreign nodes do on a bus, and what changes frames past the CRC: babblers, twins, forgers."""
+"""Injects foreign nodes on a bus (babbling nodes, twins, attackers), and alters frames past their CRC."""
 
 from collections.abc import Sequence
 from random import Random
