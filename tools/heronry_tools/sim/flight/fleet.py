@@ -95,7 +95,7 @@ class Fleet:
         self.restore(pe)
 
     def make_stale(self, pe: str) -> None:
-        """Give a PE the table of another spec at its next start; it counts as down, as it can run nothing of this spec."""
+        """Give a PE the table of another spec at its next start; it then counts as down, as it can run nothing."""
         self._stale.add(pe)
         self._truth.failed(f"pe:{pe}")
 

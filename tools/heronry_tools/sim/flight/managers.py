@@ -51,7 +51,8 @@ class Managers:
     ) -> None:
         """are_two: managers 126 and 127 fly, and each is the standby manager while the other is active.
 
-        disks: the disks by seat. key: the key of managers and PEs, or None. decide_ns: draws the time of a planning run.
+        disks: the disks by seat. key: the key of managers and PEs, or None.
+        decide_ns: draws the time of a planning run.
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[dict[str, Any]] = []
