@@ -1,4 +1,4 @@
-"""The operator of a simulated aircraft: gives orders to the active manager, which answers at once whether it obeys.
+"""The operator of a simulated aircraft: gives orders to the active manager, which answers at once whether it accepts.
 
 An accepted order defines the truth: an element that was declared failed counts as down until it is cleared. Without an
 active manager no order can be given, except that a clearance is kept and given as soon as a manager is active.

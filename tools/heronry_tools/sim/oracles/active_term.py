@@ -1,4 +1,4 @@
-"""Which term is active, judged by the frames on the managers' bus: the highest term that a command names.
+"""Determines the active term from the frames on the managers' bus: it is the highest term that a command names.
 
 A term stays active until no manager has named it for T_lease: its manager may have been active where no PE heard it,
 and may be dead. Then the term of the next manager that sends is active.

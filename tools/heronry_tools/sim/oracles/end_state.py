@@ -49,7 +49,11 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
         *_unsettled(spec, truth, now_ns, seen.last),
         *_worse(spec, truth, seen.current),
         *_illegal(spec, truth, seen.current, seen.held),
-        *([("phase", f"the phase is {truth.phase}, not {seen.phase} as sent")] if seen.phase != truth.phase else ()),
+        *(
+            [("phase", f"the phase is {truth.phase}, but the manager sends {seen.phase}")]
+            if seen.phase != truth.phase
+            else ()
+        ),
         *_unserved(spec, truth, now_ns, seen.witness),
     ]
     return [Violation(now_ns, rule, story) for rule, story in stories]

@@ -172,5 +172,5 @@ def _numbers(said: _Said, memory: Memory) -> list[str]:
     if memory.term < said.term:
         stories.append(f"has used term {said.term}, but its journal has {memory.term}")
     if said.prepared != NO_EPOCH and is_newer(said.prepared, memory.reserved.get(EPOCHS, NO_EPOCH)):
-        stories.append(f"has prepared epoch {said.prepared}, but has reserved only up to {memory.reserved.get(EPOCHS)}")
+        stories.append(f"has prepared epoch {said.prepared}, but the highest reserved is {memory.reserved.get(EPOCHS)}")
     return stories

@@ -224,7 +224,7 @@ class ServiceCheck(Oracle):
         nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
         stories = [self._falls_short(epoch, now) for now in nows]
         if None not in stories:
-            yield Violation(t_ns, "service", f"{stories[0]} with {sorted(absent)}")
+            yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
         """Say what an epoch serves, if that is less than a plan for this situation serves; else None."""

@@ -43,7 +43,7 @@ class PlantView:
         return _DeviceOfPlant(self._plant, name, self._clock)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Give the sensors whose actuators a plant of one process would follow by output echoes."""
+        """Give the actuators on other PEs whose echoes a plant of one process would need."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
