@@ -1,4 +1,4 @@
-"""The flights that must give equal frames in Python and compiled: of every shipped spec, with faults.
+"""Flights of every shipped spec, with faults, which must give equal frames in Python and compiled.
 
 Prints one line per flight: spec, seed, number of frames, their digest, the violations. The seeds together draw faults
 of every kind, buses that lose frames, two managers, and a key.

@@ -285,9 +285,9 @@ def read_fault(spec: Spec, text: str) -> Fault:
         raise UserError(f"'{text}' is not a fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
     kind = KINDS.get(match["kind"])
     if kind is None:
-        raise UserError(f"'{text}': there is no fault '{match['kind']}'; there is {', '.join(KINDS)}")
+        raise UserError(f"'{text}': there is no fault kind '{match['kind']}'; the kinds are {', '.join(KINDS)}")
     if match["during"] and match["during"] not in STATES:
-        raise UserError(f"'{text}': there is no state '{match['during']}'; there is {', '.join(STATES)}")
+        raise UserError(f"'{text}': there is no state '{match['during']}'; the states are {', '.join(STATES)}")
     targets = possible_targets(spec, match["kind"])
     if match["target"] not in (*targets, *(MANAGERS if targets == [MANAGER] else ())):
         raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")

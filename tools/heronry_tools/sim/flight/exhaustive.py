@@ -145,7 +145,7 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     story = ": ".join(told)
     there = stories(spec, setup)
     if story not in there:
-        raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
+        raise UserError(f"'{text}': there is no story '{story}'; the stories are {', '.join(there)}")
     victims = [ALL_NODES, *setup.nodes(spec)]
     return Case(story, tuple(_read_frame_fault(victims, fault) for fault in faults.split(", ")), setup, named=True)
 

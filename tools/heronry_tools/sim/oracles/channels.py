@@ -71,7 +71,7 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Give the transmissions to a node that it cannot tell from this one, this one included."""
+        """Give all transmissions that their node may take for the same one as `sending`, with `sending` itself."""
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 

@@ -131,7 +131,7 @@ class Checks:
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """The operator has cleared an element.
 
-        truth: what is really down, at the moment before. everywhere: False where only one manager knows of the order.
+        truth: the real situation just before. everywhere: False where only one manager knows of the order.
         """
         for oracle in self._oracles:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)

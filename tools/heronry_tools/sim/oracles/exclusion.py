@@ -69,7 +69,7 @@ class ExclusionCheck(Oracle):
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count a handover if the command is one."""
+        """Count a handover: a GO or GO_ALL of the newest epoch of its term."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
         is_first = message.term not in self._last  # the first epoch of its term

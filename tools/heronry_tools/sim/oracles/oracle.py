@@ -143,7 +143,7 @@ class Oracle:
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """The operator has cleared an element.
 
-        truth: what is really down, at the moment before. everywhere: False where only one manager knows of the order.
+        truth: the real situation just before. everywhere: False where only one manager knows of the order.
         """
 
 

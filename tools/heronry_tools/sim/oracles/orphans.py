@@ -36,7 +36,7 @@ class OrphanCheck(Oracle):
         self._spoken_ns: int | None = None  # when any manager sent last
         self._heard_ns: dict[int, int] = {}
         self._back_ns: dict[int, int] = {}  # by node: when it was heard again after a silence
-        self._orphans: dict[int, _What] = {}  # by node: what it reported last since no manager was heard
+        self._orphans: dict[int, _What] = {}  # by node: its last report since managers fell silent
 
     def manager_heard(self, t_ns: int) -> None:
         """Note that a manager was on the managers' bus."""

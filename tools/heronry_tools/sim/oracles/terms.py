@@ -88,7 +88,7 @@ class TermCheck(Oracle):
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A second manager is about to start at station `twin`, whose disk now holds a copy of the other's journal."""
+        """Note that a second manager, `twin`, is about to start with a copy of the journal of `station`."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
@@ -144,7 +144,7 @@ class TermCheck(Oracle):
         term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, prepared.term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
-            story = f"{self._pe_of_node[node]} runs epoch {page.epoch} of term {term}, after one of term {before}"
+            story = f"{self._pe_of_node[node]} runs epoch {page.epoch} of term {term} after an epoch of term {before}"
             self._tell(t_ns, "term", story)
         self._taken[bus, node] = (page.incarnation, page.epoch, prepared.term)
 

@@ -154,4 +154,4 @@ class Node:
         """At the end of a pause, first complete the work that was under way."""
 
     def _caught_up(self) -> None:
-        """At the end of a pause, go on after all kept frames were given to the core."""
+        """At the end of a pause, give the core its late events, after all kept frames."""

@@ -108,7 +108,11 @@ class SdoTalk:
         if abort is not None:
             return abort
         command, place = command_of(answer), read_head(answer)
-        _demand(command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index), "it is read as %s", answer)
+        _demand(
+            command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index),
+            "an upload is answered with %s",
+            answer,
+        )
         if command & EXPEDITED:
             return place[2][: expedited_length(command) if command & SIZE_GIVEN else None]
         _demand(bool(command & SIZE_GIVEN), "an upload is answered without a length: %s", answer)
@@ -207,7 +211,7 @@ class SdoTalk:
             return abort
         _demand(
             command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE,
-            "its begin is answered with %s",
+            "the begin of a block download is answered with %s",
             answer,
         )
         size, at = block_size(read_head(answer)[2]), 0
@@ -220,7 +224,11 @@ class SdoTalk:
                 command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, "a block is answered with %s", answer
             )
             received, size = block_acknowledged(answer)
-            _demand(received == (loses - 1 if loses else len(parts)), "a block is acknowledged as %s", answer)
+            _demand(
+                received == (loses - 1 if loses else len(parts)),
+                "a block download is acknowledged with a wrong count: %s",
+                answer,
+            )
             at, loses = at + received * SEGMENT_BYTES, 0
         unused = -len(data) % SEGMENT_BYTES
         end = block_end(BLOCK_DOWNLOAD | unused << 2 | BLOCK_END, crc(data) if checksum is None else checksum)
@@ -228,7 +236,7 @@ class SdoTalk:
         abort = _abort(answer, index, sub_index)
         _demand(
             abort is not None or answer == segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_END, b""),
-            "its end is answered with %s",
+            "the end of a block download is answered with %s",
             answer,
         )
         return abort

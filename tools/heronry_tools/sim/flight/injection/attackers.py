@@ -59,7 +59,7 @@ def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
 
 
 def _alter(uses: frozenset[Use], share: float) -> Inject:
-    """Change what is received: the given share of the frames of these uses."""
+    """Alter the given share of all received frames with these uses."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
         wires = simulation.wiring.wires[fault.name]

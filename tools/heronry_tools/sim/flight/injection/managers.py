@@ -1,4 +1,4 @@
-"""Faults of managers: they die, stand still, are not heard, are started twice, or their disk is full."""
+"""Faults of managers: death, pause, broken wires, a second start, a full disk."""
 
 from collections.abc import Callable
 from random import Random

@@ -1,4 +1,4 @@
-"""Faults of PEs: they die, stand still, are not heard, compute slowly or without end, or are inspected."""
+"""Faults of PEs: death, pause, broken wires, slow or hanging modules, an inspection."""
 
 from collections.abc import Callable
 from random import Random

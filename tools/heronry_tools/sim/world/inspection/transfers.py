@@ -53,7 +53,10 @@ class Transfers(Topic):
         yield from self._given_up(STORED_EDS)
         half = with_data(DOWNLOAD | EXPEDITED, HEARTBEAT_TIME, 0, HEARTBEAT_MS.to_bytes(4, "little"))
         answer = yield from sdo.ask(half)  # without a length in the request, the object's length counts
-        demand(answer == with_data(DOWNLOAD_ANSWER, HEARTBEAT_TIME, 0), f"half a word is answered with {answer!r}")
+        demand(
+            answer == with_data(DOWNLOAD_ANSWER, HEARTBEAT_TIME, 0),
+            f"a write of half a word is answered with {answer!r}",
+        )
 
     def _given_up(self, index: int) -> Talk[None]:
         """The server aborts a transfer after a second if the client does not continue it."""
