@@ -82,7 +82,7 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         of_radios = [deed for deed in script.deeds if _is_of_a_radio(script, deed)]
         for deed in of_radios:
             if deed.fault is not None and deed.fault.name not in hubs:
-                where = "on software buses of its own"
+                where = "on software buses that the flight starts"
                 raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done only {where}; leave -c out")
         fleet.start_buses(choices)
         ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))

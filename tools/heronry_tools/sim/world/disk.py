@@ -16,7 +16,7 @@ from heronry_manager.core.memory import NOTHING, Memory, Record, as_json, is_num
 from heronry_manager.shell.journal import recovered, whole_journal, written
 
 SYNCED_AFTER_NS = 10_000_000
-_PROBLEM = "the disk accepts no write; after a restart the manager may not know what happens from now on"
+_PROBLEM = "the disk takes nothing; a restart may not know what happens from now on"
 
 
 class Disk:
