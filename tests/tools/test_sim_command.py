@@ -75,8 +75,10 @@ def test_a_flight_lasts_until_its_faults_are_over(
     [
         (
             ["--act", "1 manager_crash manager for 0.2 in activating", "--seconds", "2"],
-            "'1 manager_crash manager for 0.2 in activating' was not injected as given "
-            "(injected: manager_crash in idle)",
+            (
+                "'1 manager_crash manager for 0.2 in activating' was not injected as given "
+                "(injected: manager_crash in idle)"
+            ),
         ),
         (
             ["--kill", "pe:tail_pe@1", "--act", "1.5 pause pe:tail_pe for 0.1"],
