@@ -112,7 +112,7 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether no manager and no frame of the holder's PE was heard for T_lease: it may have let go."""
+        """Tell whether a holder may have let go: neither a manager nor the holder's PE was heard for T_lease."""
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))
         return t_ns - heard_ns > self._lease_ns

@@ -1,9 +1,9 @@
 """Waivers: the times in which a requirement cannot be promised, because a fault of certain kinds is present.
 
-A waiver begins when its fault is injected. It ends after the fault is over, and as much later as a critical function
-may be silent: one patience, and a second for planning, steps and first values. The waiver covers a violation that was
-seen in this time. It also covers a violation that was seen later, if that may have begun in this time. Where a fault
-has consequences that appear much later (`lasting`), its waiver has no end.
+A waiver begins when its fault is injected, and ends one settling time after the end of that fault. The settling time is
+the longest time for which a critical function may be silent: one patience, and a second for planning, steps and first
+values. A waiver covers a violation that was seen during the waiver, or that may have begun during the waiver. Where a
+fault has consequences that appear much later (`lasting`), its waiver has no end.
 """
 
 from collections.abc import Iterable

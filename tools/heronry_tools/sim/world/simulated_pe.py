@@ -115,7 +115,7 @@ class SimulatedPe(Node):
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event that answers an earlier request, or none."""
+        """Give the core an event, for example the late answer to a request."""
         if not self.is_awake:
             self._answers.append(answer)
         else:
