@@ -191,7 +191,7 @@ def test_an_unknown_actuator_stores_and_an_unknown_sensor_reads_zero() -> None:
 
 
 def test_a_surface_does_not_move_by_a_text() -> None:
-    with pytest.raises(TypeError, match="elevator_servo_1 moves by a number, not by 'up'"):
+    with pytest.raises(TypeError, match="elevator_servo_1 needs a number as its command, not 'up'"):
         Plant(0).write("elevator_servo_1", "up", 0)
 
 

@@ -183,7 +183,7 @@ def test_a_dead_manager_that_is_replayed_is_found() -> None:
         bus.repeat(said[_ % 6])
         bus.now_ns += 20 * MS
         bus.pe_sends(PeState.ACTIVE, 1, hears=True)
-    assert bus.stories == ["tail_pe reports that it hears a LEASE, and none was authentic and fresh"]
+    assert bus.stories == ["tail_pe reports that it hears a LEASE, but no authentic and fresh one was sent"]
 
 
 def test_a_late_lease_may_still_be_believed_once() -> None:

@@ -85,7 +85,7 @@ def test_a_manager_may_prepare_what_it_has_adopted_for_a_pe_that_is_late() -> No
     adopted = (TermBegun(3), Reserved(EPOCHS, 48), Runs(60, 7, "00"))
     said = Lease(3, 60, Step.GO_ALL, 7), Prepare(3, 60, 7)
     assert assessed(*said, records=adopted) == []
-    beyond = "manager 126 has prepared epoch 61, and has reserved 48"
+    beyond = "manager 126 has prepared epoch 61, but the highest reserved is 48"
     assert assessed(*said, Prepare(3, 61, 7), records=adopted) == [beyond]
 
 
@@ -102,7 +102,7 @@ def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it
     check.commanded(1, "manager 126", holds)
     assert check.violations == []
     check.commanded(2, "manager 126", holds)
-    assert f"holds phase {PHASES[0]}" in check.violations[0].story
+    assert f"sends phase {PHASES[0]}" in check.violations[0].story
 
 
 def test_the_first_phase_may_wait_in_a_frame_for_a_while_though_nothing_records_it() -> None:
@@ -143,15 +143,15 @@ def test_a_phase_that_another_command_has_shown_to_be_over_may_wait_in_a_frame()
     check.commanded(1, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0))
     assert check.violations == []
     check.commanded(2, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))
-    assert f"holds phase {PHASES[2]}" in check.violations[0].story
+    assert f"sends phase {PHASES[2]}" in check.violations[0].story
 
 
 @pytest.mark.parametrize(
     ("message", "lacks", "story"),
     [
-        (Lease(3, 0, Step.PREPARED, 0), TermBegun, "has used term 3, and its journal has 0"),
-        (Prepare(3, 33, 7), Reserved, "has prepared epoch 33, and has reserved None"),
-        (Lease(3, 33, Step.BREAK, 7), Runs, "sends that epoch 33 runs, and its journal has None"),
+        (Lease(3, 0, Step.PREPARED, 0), TermBegun, "has used term 3, but its journal has 0"),
+        (Prepare(3, 33, 7), Reserved, "has prepared epoch 33, but the highest reserved is None"),
+        (Lease(3, 33, Step.BREAK, 7), Runs, "sends that epoch 33 runs, but its journal has None"),
         (Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2), Latched, "sends HOLDS of module:"),
     ],
 )
@@ -163,7 +163,7 @@ def test_what_is_sent_and_not_written_is_found(message: ManagementMessage, lacks
 
 def test_what_is_written_and_not_so_is_found() -> None:
     assert "its journal has Runs(epoch=33, digest=7" in assessed(Lease(3, 33, Step.GO_ALL, 8))[0]
-    assert f"holds phase {PHASES[2]}" in assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
+    assert f"sends phase {PHASES[2]}" in assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
     assert "sends CLEAR of module:" in assessed(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
 
 
@@ -208,8 +208,8 @@ def test_a_twin_answers_for_its_copy_and_for_no_disk_that_it_had_before() -> Non
     disks["manager 126 again"] = whole_journal(big_blue(), memory(TermBegun(1)))  # less than it was given
     check.manager_died(5, "manager 126 again")
     assert [violation.story for violation in check.violations] == [
-        "manager 126 again has used term 3, and its journal has 1",
-        "manager 126 again has prepared epoch 5, and has reserved None",
+        "manager 126 again has used term 3, but its journal has 1",
+        "manager 126 again has prepared epoch 5, but the highest reserved is None",
     ]
 
 

@@ -50,7 +50,7 @@ def test_a_datum_that_crosses_at_once_is_fine_and_one_that_waited_is_not() -> No
     fresh = (datum(10 * MS, "can0", 1, "nav"), datum(15 * MS, "radio", 1, "comms"))
     old = (datum(20 * MS, "can0", 2, "nav"), datum(480 * MS, "radio", 2, "comms"))
     assert assessed(*fresh) == []
-    assert assessed(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
+    assert assessed(*fresh, *old) == ["comms sent datum 1536 on radio 460 ms after receiving it"]
 
 
 def test_a_datum_that_is_changed_past_the_crc_may_become_what_an_old_one_was() -> None:

@@ -155,7 +155,7 @@ def test_an_aircraft_that_does_not_start_has_no_stories(tmp_path: Path, capsys: 
         FILE.read_text().replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
     )
     assert main(["exhaust", str(file), "--case", "crash pe:flight: 1 lost everybody"]) == 2
-    assert "it does not start" in capsys.readouterr().err
+    assert "this aircraft does not start" in capsys.readouterr().err
 
 
 def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,7 +209,7 @@ def test_silence_without_need_is_seen_in_every_case(tmp_path: Path, capsys: pyte
     assert main(["exhaust", str(file), "--case", "start: 5 crash manager"]) == 1
     told = capsys.readouterr().out
     assert "service: elevator was silent for" in told
-    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+    assert "silence: elevator was not heard, though only managers had failed" in told
 
 
 @pytest.mark.parametrize(
@@ -217,9 +217,9 @@ def test_silence_without_need_is_seen_in_every_case(tmp_path: Path, capsys: pyte
     [
         ("crash pe:tail: 5 lost everybody", "there is no story 'crash pe:tail'"),
         ("start: five lost everybody", "write NUMBER KIND VICTIM"),
-        ("start: 5 eaten everybody", "with one of lost, doubled"),
-        ("start: 5 lost pe:nobody", "there is no 'pe:nobody'"),
-        ("start: 5 crash everybody", "one node dies at a time; name it: manager, pe:flight"),
+        ("start: 5 eaten everybody", "KIND is one of lost, doubled"),
+        ("start: 5 lost pe:nobody", "there is no node 'pe:nobody'"),
+        ("start: 5 crash everybody", "only one node can die; name one of manager, pe:flight"),
     ],
 )
 def test_a_case_that_makes_no_sense_is_refused(case: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,7 +82,7 @@ def test_a_device_that_cannot_execute_its_command_reports_it() -> None:
     servo = Hosted("Gain", device="elevator_servo_1")
     answer = servo.host.carry_out(Drive(MODULE, "up"), 7)
     assert isinstance(answer, DriveFailed)
-    assert "moves by a number" in answer.reason
+    assert "needs a number as its command" in answer.reason
     nothing = Hosted("Steady", device=None)
     assert nothing.host.carry_out(Drive(MODULE, 1.0), 7) == DriveFailed(MODULE, "it has no device to drive")
 

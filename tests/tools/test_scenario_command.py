@@ -43,7 +43,7 @@ def test_what_does_not_hold_is_said_with_what_was_seen_and_when(
     head, story, *_, last = capsys.readouterr().out.splitlines()
     assert head == f"{file}: FAILS (2 s in the simulator, 1 expected)"
     assert story.startswith(
-        f"  {file}:5: from 1 s on: expected function:elevator served within 20ms; it was so from 1.1"
+        f"  {file}:5: from 1 s on: expected function:elevator served within 20ms; this held from 1.1"
     )
     assert story.endswith("ms after 1.000 s")
     assert last == "2 scenarios, 2 failed"
@@ -52,22 +52,22 @@ def test_what_does_not_hold_is_said_with_what_was_seen_and_when(
 @pytest.mark.parametrize(
     ("expectation", "holds", "seen"),
     [
-        ("function:elevator served throughout", False, "it was so from"),
-        ("function:elevator served by servo_driver_1 within 0.9s", False, "heard last was servo_driver_2, at 1.9"),
+        ("function:elevator served throughout", False, "this held from"),
+        ("function:elevator served by servo_driver_1 within 0.9s", False, "the last heard was servo_driver_2, at 1.9"),
         ("function:elevator silent within 0.5s", False, "it was heard, last at"),
-        ("variable:elevator_demand heard throughout", True, "it was so all the time"),
+        ("variable:elevator_demand heard throughout", True, "this held all the time"),
         ("variable:elevator_demand silent within 0s", False, "it was heard, last at"),
         ("variable:horizon_contrast silent within 0s", True, "nothing to the contrary"),  # it stays on one PE
-        ("variable:horizon_contrast heard within 0.5s", False, "heard last was nothing"),
-        ("pe:tail_a active within 0.5s", False, "heard last was active, at 0.9"),
+        ("variable:horizon_contrast heard within 0.5s", False, "the last heard was nothing"),
+        ("pe:tail_a active within 0.5s", False, "the last heard was active, at 0.9"),
         ("pe:tail_a silent within 0s", True, "nothing to the contrary"),
         ("pe:flight silent within 0s", False, "it was heard, last at"),
-        ("pe:tail_b unconfigured throughout", False, "heard last was active"),
-        ("pe:tail_b active within 0.3s", True, "it was so from 1."),
-        ("pe:tail_b reported within 0.5s", False, "no PE reported it"),
-        ("manager heard throughout", True, "it was so all the time"),
+        ("pe:tail_b unconfigured throughout", False, "the last heard was active"),
+        ("pe:tail_b active within 0.3s", True, "this held from 1."),
+        ("pe:tail_b reported within 0.5s", False, "no PE reported that"),
+        ("manager heard throughout", True, "this held all the time"),
         ("manager silent within 0.1s", False, "it was heard, last at"),
-        ("epoch new within 0.3s", True, "it was so from 1."),
+        ("epoch new within 0.3s", True, "this held from 1."),
         ("epoch unchanged", False, "another epoch was named, last at"),
         ("nothing reported", True, "nothing to the contrary"),
     ],
@@ -89,7 +89,7 @@ def test_each_expectation_is_evaluated_by_what_was_heard(
     ("deeds", "seen"),
     [
         ("at 1s kill manager\nexpect manager silent within 0s\nexpect manager heard within 0.5s\n", "LEASE, at 0.9"),
-        ("at 1s kill manager\nat 1.5s restore manager\nexpect epoch new within 0.4s\n", "heard last was epoch 1"),
+        ("at 1s kill manager\nat 1.5s restore manager\nexpect epoch new within 0.4s\n", "the last heard was epoch 1"),
     ],
 )
 def test_a_manager_s_silence_is_evaluated(
@@ -127,7 +127,7 @@ def test_a_core_that_dies_fails_its_file_and_the_next_one_is_flown(
     assert main(["scenario", str(file), str(written(tmp_path, HOLDS)), "--rewrite", "--junit", str(results)]) == 1
     head, *story, after, last = capsys.readouterr().out.splitlines()
     assert head.startswith(f"{file}: FAILS")
-    assert any("must not be: " in line and line.endswith("invariant: two epochs at once") for line in story)
+    assert any("violated: " in line and line.endswith("invariant: two epochs at once") for line in story)
     assert (after.split()[1], last) == ("holds", "2 scenarios, 1 failed")
     assert "tail_a is lost" in golden_file(file).read_text()  # of the second flight
     assert [suite.failures for suite in JUnitXml.fromfile(str(results))] == [2, 0]
@@ -149,11 +149,11 @@ def test_silence_without_need_fails_a_scenario_as_it_fails_a_drawn_flight(
     assert main(["scenario", str(file)]) == 1
     told = capsys.readouterr().out
     assert "service: elevator was silent for" in told
-    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+    assert "silence: elevator was not heard, though only managers had failed" in told
     assert main(["sim", str(spec), "--act", "0.2 manager_pause manager for 0.005", "--seconds", "5"]) == 1
     told = capsys.readouterr().out
     assert "service: elevator was silent for" in told
-    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+    assert "silence: elevator was not heard, though only managers had failed" in told
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def test_a_golden_trace_that_is_no_text_is_refused_before_anything_flies_and_can
     assert main(["scenario", "tests/scenarios/a_processor_dies.scenario", str(file)]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert told.err.endswith(f"{golden_file(file)}: it is not text in UTF-8; --rewrite makes it anew\n")
+    assert told.err.endswith(f"{golden_file(file)}: the file is not text in UTF-8; --rewrite replaces it\n")
     assert main(["scenario", str(file), "--rewrite"]) == 0
     assert "tail_a is lost" in golden_file(file).read_text()
 
@@ -243,22 +243,22 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
 ) -> None:
     body = "at 1s pause pe:tail_a for 10ms in preparing\nexpect epoch unchanged\nend 6s\n"
     assert main(["scenario", str(written(tmp_path, body))]) == 1
-    assert "was not injected so (what was: pause in idle); try another seed" in capsys.readouterr().out
+    assert "was not injected as given (injected: pause in idle); try another seed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("body", "line", "sentence"),
     [
-        ("at soon kill pe:tail_a", 4, "'soon' is no time; write it as 2.5s or 80ms"),
+        ("at soon kill pe:tail_a", 4, "'soon' is not a time; write it as 2.5s or 80ms"),
         ("at 1s explode pe:tail_a", 4, "'explode pe:tail_a' cannot be done; what can be done is kill"),
         ("at 1s kil pe:tail_a", 4, "did you mean 'kill'?"),
         ("at 1s kill pe:tail", 4, "did you mean 'tail_b'?"),
-        ("at 1s kill tail_a", 4, "'tail_a' is no PE; write pe:NAME"),
-        ("at 1s restore pe:tail_a", 4, "pe:tail_a runs then; kill and restore in turn"),
-        ("at 1s kill pe:flight\nat 2s kill pe:flight", 5, "pe:flight does not run then"),
-        ("without pe:tail_a\nat 1s kill pe:tail_a", 5, "pe:tail_a does not run then"),
-        ("at 1s restore manager", 4, "manager runs then"),
-        ("at 1s kill standby", 4, "'kill standby': there is one manager; name it 'manager', or write 'standby' above"),
+        ("at 1s kill tail_a", 4, "'tail_a' is not a PE; write pe:NAME"),
+        ("at 1s restore pe:tail_a", 4, "pe:tail_a runs at that time; kill and restore in turn"),
+        ("at 1s kill pe:flight\nat 2s kill pe:flight", 5, "pe:flight does not run at that time"),
+        ("without pe:tail_a\nat 1s kill pe:tail_a", 5, "pe:tail_a does not run at that time"),
+        ("at 1s restore manager", 4, "manager runs at that time"),
+        ("at 1s kill standby", 4, "'kill standby': there is one manager; write 'manager', or 'standby' above"),
         ("at 1s kill manager\nat 2s restore primary", 5, "there is one manager"),
         ("at 1s manager_crash standby for 1s", 4, "there is one manager"),
         ("at 1s phase landing", 4, "no phase is named 'landing'"),
@@ -266,7 +266,7 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
         ("at 1s pause bus:can0", 4, "pause cannot be injected into bus:can0"),
         ("at 90000s kill pe:tail_a", 4, "'90000s' is longer than a flight may be; write 86400s or less"),
         ("at 1s pause pe:tail_a for 100000s", 4, "'100000s' is longer than a flight may be"),
-        ("at 1s pause pe:tail_a for ever", 4, "'ever' is no time"),
+        ("at 1s pause pe:tail_a for ever", 4, "'ever' is not a time"),
         ("at 2s kill pe:tail_a\nat 1s kill pe:tail_b", 5, "1s is before 2s; write lines in order of time"),
         ("at 2s kill pe:tail_a\nend 1s", 5, "1s is before 2s"),
         ("expect function:rudder served within 1s", 4, "no function is named 'rudder'"),
@@ -278,16 +278,20 @@ def test_a_fault_that_is_not_injected_as_it_is_written_fails(
         ("expect manager soon", 4, "write for example 'expect manager heard within 1s'"),
         ("expect bus:can0 reported throughout", 4, "cannot be read; write for example"),
         ("expect device:gps reported within 1s", 4, "no device is named 'gps'"),
-        ("expect epoch new within 2s\nend 1s", 4, "before that time is up; let that come later, or expect it sooner"),
+        (
+            "expect epoch new within 2s\nend 1s",
+            4,
+            "comes before the time of this expectation is over; move it to a later time",
+        ),
         (
             "at 1s kill pe:tail_a\nexpect epoch new within 1s\nat 1.5s kill pe:tail_b\nend 9s",
             5,
-            "at 1.5s something else",
+            "the next 'at' or 'end', at 1.5s",
         ),
-        ("expect epoch unchanged\nend 1s\nat 2s kill pe:tail_a", 6, "nothing comes after 'end'"),
-        ("expect epoch unchanged", 4, "it does not say when it ends"),
+        ("expect epoch unchanged\nend 1s\nat 2s kill pe:tail_a", 6, "no line may follow 'end'"),
+        ("expect epoch unchanged", 4, "the file does not say when the flight ends"),
         ("loss 0.7", 4, "'loss SHARE'"),
-        ("spec big_blue", 4, "there is one spec in a scenario"),
+        ("spec big_blue", 4, "a scenario has one spec"),
         ("at 1s kill pe:tail_a\nwithout pe:tail_b", 5, "'without pe:NAME' (before anything is done)"),
         ("seed x", 4, "cannot be read"),
         ("expect", 4, "cannot be read"),
@@ -313,18 +317,18 @@ def test_a_semicolon_separates_what_else_stands_on_lines_of_its_own(tmp_path: Pa
         (4, "epoch new within 150ms"),
         (5, "manager heard throughout"),
     ]
-    with pytest.raises(UserError, match=r"some.scenario:4: 'soon' is no time"):
+    with pytest.raises(UserError, match=r"some.scenario:4: 'soon' is not a time"):
         read_script(written(tmp_path, "at 1s kill pe:tail_a; at soon restore pe:tail_a\nend 2s\n"))
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "it does not say why it exists"),
-        ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "it does not say why it exists"),
-        ("# Why.\nseed 1\n", "the first line names the spec"),
-        ("# Why.\n", "it names no spec"),
-        ("", "some.scenario:1: it does not say why it exists"),
+        ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "the file does not say why it exists"),
+        ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "the file does not say why it exists"),
+        ("# Why.\nseed 1\n", "the first line must name the spec"),
+        ("# Why.\n", "the file names no spec"),
+        ("", "some.scenario:1: the file does not say why it exists"),
         ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),
     ],
 )
@@ -357,7 +361,7 @@ def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.
 @pytest.mark.parametrize(
     ("deeds", "sentence"),
     [
-        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "no manager is active then that could accept it"),
+        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "no manager is active at that time to accept the order"),
         ("at 1s fail channel:can0.1\n", "no channel is named"),
     ],
 )
@@ -372,7 +376,7 @@ def test_an_order_that_no_manager_can_accept_is_refused(
     ("words", "sentence"),
     [
         (["-i", "softbus", "--rewrite"], "only in the simulator are decisions the same each time"),
-        (["-i", "softbus"], "4: 'mute pe:tail_a for 10ms' can be done in the simulator alone"),
+        (["-i", "softbus"], "4: 'mute pe:tail_a for 10ms' can be done only in the simulator"),
     ],
 )
 def test_real_processes_do_not_do_everything(
@@ -386,7 +390,7 @@ def test_real_processes_do_not_do_everything(
 def test_a_channel_is_pulled_from_software_buses_of_its_own_alone(capsys: pytest.CaptureFixture[str]) -> None:
     file = "tests/scenarios/a_channel_is_lost_and_then_the_other.scenario"
     assert main(["scenario", file, "-i", "socketcan", "-c", "no_can0,no_can1"]) == 2
-    assert ":3: 'channel_loss channel:can0.1 for 2s' can be done on software buses of its own alone" in (
+    assert ":3: 'channel_loss channel:can0.1 for 2s' can be done only on software buses that the flight starts" in (
         capsys.readouterr().err
     )
 

@@ -96,7 +96,7 @@ def test_a_configuration_that_breaks_a_rule_of_the_graph_is_seen() -> None:
 
 def test_a_pe_that_has_not_staged_is_not_activated() -> None:
     stories = assessed(commands(BEST, unstaged=frozenset({"tail_pe"})))
-    assert stories == ["configuration: epoch 1 is activated, and tail_pe has not staged it"]
+    assert stories == ["configuration: epoch 1 was activated before tail_pe reported it as staged"]
 
 
 def test_what_could_be_served_is_not_dropped() -> None:
@@ -121,7 +121,7 @@ def test_what_was_reported_and_acknowledged_counts_as_failed() -> None:
 
 def test_slices_that_were_not_sent_or_are_not_what_was_announced_are_seen() -> None:
     assert "it was activated before the slice of node" in assessed(commands(BEST, bodies=False))[0]
-    assert "are not those of the digest that was announced" in assessed(commands(BEST, digest=77))[0]
+    assert "do not have the digest that PREPARE has announced" in assessed(commands(BEST, digest=77))[0]
 
 
 def driven_by_another_pe(simulation: Simulation, value: Value) -> Driven:
@@ -346,8 +346,8 @@ def test_a_clash_is_a_violation() -> None:
 
 def test_silence_is_not_settled() -> None:
     stories = [violation.story for violation in Checks(SPEC).unsettled(WELL, 1_000_000_000)]
-    assert "tail_pe is healthy, and silent" in stories
-    assert "class A: elevator could be served, and is not heard" in stories
+    assert "tail_pe is healthy, but sends no state" in stories
+    assert "class A: no output heard of elevator, which could be served" in stories
     nothing_left = Situation(frozenset(f"pe:{pe}" for pe in SPEC.pes))
     assert Checks(SPEC).unsettled(nothing_left, 1_000_000_000) == []
 

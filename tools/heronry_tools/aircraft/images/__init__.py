@@ -1,12 +1,12 @@
 """The images of the shipped aircraft: the code of the modules of `big_blue`, `elevator_and_chute` and the examples.
 
-`elevator_and_chute` names no images, so there an image has its module's name; `big_blue` names one where several
-modules share it, or where its variables are called differently. The agent finds `CATALOGUE` by an entry point
-(`heronry.images`, pyproject.toml), as it finds other people's; it imports the code of what it runs and no other.
+`elevator_and_chute` names no images, so each of its images has the name of its module. `big_blue` names an image where
+several modules share one, or where its variables have other names. The agent finds `CATALOGUE`, like the catalogues of
+other packages, by an entry point (`heronry.images` in pyproject.toml), and imports only the images that it runs.
 
-Images are written against `heronry_agent.module` alone. They hold no clock and no random source: the time of a step is
-in its context, and the same inputs give the same outputs. An input may be absent in any step, first and foremost in the
-first ones; each image says what it does then. It also says what a restart loses.
+Images use `heronry_agent.module` alone. They read no clock and no random source: a step's context has its time, and the
+same inputs give the same outputs. Any input may be absent in any step, above all in the first steps. Each image
+documents what it does then, and what it loses at a restart.
 """
 
 from collections.abc import Mapping

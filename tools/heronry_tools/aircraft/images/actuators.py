@@ -1,14 +1,14 @@
-"""Device drivers of the actuators: their outputs are limited, held without a demand, and safe where that is not.
+"""Device drivers of the actuators: they limit each demand, and hold the output, or make it safe, without a demand.
 
-What they decide: what is written to the device, each period.
+What they decide: the value that is written to the device in each period.
 
-- A surface goes no further than its stops and no faster than its servo, and stays at its last command while there is no
-demand: an elevator that snapped to neutral on every lost frame would be worse than one that waits.
-- A charge or a burn wire cannot be undone: it takes two demands in a row, and then stays fired.
-- A gas valve without a demand closes: what is in the wings stays there, and what is in the bottle too.
+- A surface moves no further than its stops and no faster than its servo. Without a demand it stays at its last command:
+  an elevator that went to neutral at every lost frame would be worse than one that stays.
+- A charge or a burn wire cannot be undone. It fires after two demands in a row, and then stays fired.
+- A gas valve closes without a demand: the gas stays in the wings and in the bottle.
 
-A restart: a servo starts from the first demand, as the surface may stand anywhere; a charge is fired again if it is
-still demanded, which does no harm.
+A restart: a servo waits for the first demand, since the surface may be anywhere; a charge that is still demanded is
+fired again, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ class SurfaceServo(Module):
         self._angle_deg: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Move on towards the demand; before the first one the servo is left alone."""
+        """Move towards the demand; before the first demand command nothing."""
         demand_deg = number(inputs, self.demand)
         if demand_deg is not None:
             self._angle_deg = self._towards(held(demand_deg, self.stop_deg))
@@ -50,15 +50,15 @@ class SurfaceServo(Module):
 
 
 class ElevatorServo(SurfaceServo):
-    """An elevator servo whose driver publishes nothing."""
+    """An elevator servo without an output echo."""
 
     demand = "elevator_demand"
 
 
 class ReportingElevatorServo(ElevatorServo):
-    """An elevator servo whose driver publishes what it commands, for the monitor.
+    """An elevator servo that publishes its command, for the monitor.
 
-    Each driver gives its own version of the echo, so that a reader knows which servo is at work.
+    The version of that datum differs for each servo, so a reader knows which servo is driven.
     """
 
     echo = "elevator_servo_command"
@@ -71,7 +71,7 @@ class RudderServo(SurfaceServo):
 
 
 class Charge(Module):
-    """Fires once, on the second demand in a row."""
+    """A charge that fires once, on the second demand in a row."""
 
     demand: ClassVar[str]
 
@@ -91,22 +91,22 @@ class Charge(Module):
 
 
 class ChuteCharge(Charge):
-    """Opens the parachute's lid."""
+    """The charge that opens the parachute's lid."""
 
     demand = "chute_release"
 
 
 class BurnWire(Charge):
-    """Melts the balloon's line."""
+    """The wire that melts the balloon's line."""
 
     demand = "balloon_cut"
 
 
 class InflationValve(Module):
-    """Opens the gas valve of the wings as far as demanded, 0..1."""
+    """The gas valve of the wings; its opening is 0 to 1."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Follow the demand; close without one."""
+        """Open the valve as demanded; close it without a demand."""
         demand = number(inputs, "valve_demand")
         self.ctx.write(min(max(demand or 0.0, 0.0), 1.0))
         return {}

@@ -1,12 +1,12 @@
-"""Air data: one pressure out of three, and the airspeed.
+"""Air data: one static pressure out of three, and the airspeed.
 
-The voter takes the middle of three pressures, so that one sensor, however wrong, never leads. It reports the odd one
-out when that sensor has disagreed with the middle for a second without a break, again for every second that this goes
-on (the operator may have cleared it), and only while all three are there: of two that differ it is not known which is
-right. It compares nothing in its first second, when some data are fresh and others still on their way. Which sensor a
-variable comes from it knows by the spec's names: `pressure_2` is measured by `device:pressure_sensor_2`.
+The voter publishes the middle of three pressures, so one wrong sensor never determines the output. It reports a sensor
+that has differed from the middle for a second without a break, and repeats the report each second (the operator may
+have cleared it). It does so only with all three pressures: if two differ, either may be wrong. It compares nothing in
+its first second, in which some data may be old. The names in the spec tell it the sensor of a variable: `pressure_2` is
+measured by `device:pressure_sensor_2`.
 
-A restart begins the second anew, and forgets which of two was nearer to the truth.
+At a restart the voter begins the second anew, and forgets which of two pressures was nearer to the middle.
 """
 
 import statistics
@@ -19,7 +19,7 @@ from heronry_tools.aircraft.images import atmosphere
 
 _CHANNELS = ("1", "2", "3")
 _PATIENCE_NS = 1_000_000_000
-# Sampled up to a period apart in a fast climb, healthy sensors differ by some hPa near the ground; a share covers that.
+# In a fast climb, healthy sensors sampled up to a period apart differ by some hPa near the ground: hence a share.
 _TOLERANCE_HPA = 2.0
 _TOLERANCE_SHARE = 0.02
 _DETAIL_PER_HPA = 10
@@ -27,7 +27,7 @@ _DETAIL_MAX = 0xFFFF
 
 
 class PressureVoter(Module):
-    """Mid-value voter over three static pressures, in hPa; mode `single` passes on the only one."""
+    """Mid-value voter over three static pressures in hPa; mode `single` passes on the only pressure."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -37,7 +37,7 @@ class PressureVoter(Module):
         self._patience = steps_of(_PATIENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the voted pressure; nothing while no sensor is heard."""
+        """Publish the voted pressure; nothing if there is no pressure."""
         self._steps += 1
         heard = {c: p for c in _CHANNELS if (p := number(inputs, f"pressure_{c}")) is not None}
         if not heard:
@@ -67,10 +67,10 @@ def _differ(one_hpa: float, other_hpa: float) -> bool:
 
 
 class AirData(Module):
-    """Indicated airspeed from the pitot; in mode `compensated` the true one too, from the density at this pressure."""
+    """Indicated airspeed from the pitot; in mode `compensated` also true airspeed, by the density at this pressure."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish what the pressures allow."""
+        """Publish the airspeeds for which there are pressures."""
         differential = number(inputs, "differential_pressure")
         if differential is None:
             return {}

@@ -1,11 +1,11 @@
-"""Altitude in three qualities: pressure and GPS fused, GPS alone, pressure alone (the paper's Figure 3).
+"""Altitude in three versions: GPS and pressure fused, GPS alone, pressure alone (the paper's Figure 3).
 
-Fusion. Pressure altitude is smooth and quick, and wrong by an offset that changes slowly (the sensor's error, and a day
-that is not the standard one). GPS height is right on average, and noisy. So the filter learns the offset between the
-two through a slow low-pass, and adds it to the quick one: noise of the GPS goes in divided, error of the barometer
-comes out.
+Fusion. Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor, and
+the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow low-pass
+filter learns the offset between the two, and the offset is added to the pressure altitude. That divides the noise of
+the GPS, and removes the error of the barometer.
 
-GPS alone is tracked with its rate (an alpha-beta filter), because a plain average lags behind a climb.
+GPS alone is filtered together with its rate (an alpha-beta filter), because a plain average lags behind in a climb.
 
 A restart loses the offset or the rate; the first pair of inputs sets them again.
 """
@@ -35,7 +35,7 @@ class FusedAltitude(Module):
         self._rate_m_per_s = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish an altitude; in `fused` the last known offset carries it through a missing fix."""
+        """Publish an altitude; in `fused` the last offset is used when a GPS height is missing."""
         gps_m = number(inputs, "gps_altitude")
         if self.ctx.mode == "gps_only":
             return {} if gps_m is None else {"altitude": self._tracked(gps_m)}
@@ -63,7 +63,7 @@ class FusedAltitude(Module):
 
 
 class FusedStaticAltitude(FusedAltitude):
-    """The same, from the voted pressure."""
+    """As `FusedAltitude`, from the voted pressure."""
 
     pressure = "static_pressure"
 
@@ -80,6 +80,6 @@ class PressureAltitude(Module):
 
 
 class StaticPressureAltitude(PressureAltitude):
-    """The same, from the voted pressure."""
+    """As `PressureAltitude`, from the voted pressure."""
 
     pressure = "static_pressure"

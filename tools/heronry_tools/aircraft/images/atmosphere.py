@@ -1,7 +1,6 @@
-"""The standard atmosphere: pressure and altitude, each from the other, and dynamic pressure to airspeed.
+"""The standard atmosphere: conversions between pressure and altitude, and between dynamic pressure and airspeed.
 
-What it decides: nothing; it is the table and the two formulas that barometric images and the plant share, so that a
-true altitude in the one is a true altitude in the other.
+The barometric images and the plant share these formulas, so that an altitude of the plant is read as the same altitude.
 
 Source: ICAO Standard Atmosphere (ICAO Doc 7488, ISO 2533), geopotential altitude, layers from -2 to 47 km. A layer has
 a constant lapse rate L; with L = 0 pressure falls exponentially, else with the power g0 / (R L). Base pressures are
@@ -58,21 +57,21 @@ _LOWEST_PRESSURE_HPA = _LAYERS[-1].pressure_hpa(_HIGHEST_M)
 
 
 def pressure_hpa(altitude_m: float) -> float:
-    """Static pressure at an altitude, which is held to -2 000..47 000 m."""
+    """Static pressure at an altitude; the altitude is limited to -2 000..47 000 m."""
     held = min(max(altitude_m, _LOWEST_M), _HIGHEST_M)
     layer = next((layer for layer in reversed(_LAYERS) if held >= layer.base_m), _LAYERS[0])
     return layer.pressure_hpa(held)
 
 
 def altitude_m(static_hpa: float) -> float:
-    """Altitude at which the standard atmosphere has a static pressure, which is held to the same range."""
+    """Altitude of a static pressure in the standard atmosphere, limited to -2 000..47 000 m."""
     held = min(max(static_hpa, _LOWEST_PRESSURE_HPA), _HIGHEST_PRESSURE_HPA)
     layer = next((layer for layer in reversed(_LAYERS) if held <= layer.base_hpa), _LAYERS[0])
     return layer.altitude_m(held)
 
 
 def density_kg_per_m3(static_hpa: float) -> float:
-    """Air density of the standard atmosphere where it has this static pressure."""
+    """Air density of the standard atmosphere at this static pressure."""
     altitude = altitude_m(static_hpa)
     layer = next((layer for layer in reversed(_LAYERS) if altitude >= layer.base_m), _LAYERS[0])
     temperature_k = layer.base_k + layer.lapse_k_per_m * (altitude - layer.base_m)
@@ -85,5 +84,5 @@ def indicated_airspeed_m_per_s(differential_hpa: float) -> float:
 
 
 def differential_hpa(indicated_m_per_s: float) -> float:
-    """Differential pressure at an indicated airspeed: the inverse, for the plant."""
+    """Differential pressure of the pitot at an indicated airspeed; the inverse of `indicated_airspeed_m_per_s`."""
     return 0.5 * SEA_LEVEL_DENSITY_KG_PER_M3 * indicated_m_per_s**2 / _PA_PER_HPA

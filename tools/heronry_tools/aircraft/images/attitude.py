@@ -1,15 +1,15 @@
-"""Attitude in three qualities: gyros held upright by gravity, gyros alone, the horizon alone.
+"""Attitude in three versions: gyros corrected by accelerometers, gyros alone, horizon sensor alone.
 
-Gyros are quick and drift; accelerometers know where down is, on average, and shake. The complementary filter turns the
-angle with the gyros and pulls it slowly towards what the accelerometers say. Without accelerometers the only pull is
-towards the best glide with level wings, which is how a glider flies most of the time: the drift stays bounded, and a
-long turn is forgotten. The horizon sensor knows no drift at all, and is coarse.
+Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
+the angle by the gyros, and corrects it slowly towards the angle of the accelerometers. Without accelerometers it
+corrects towards the best glide with level wings, in which a glider flies most of the time: that bounds the drift, but
+in a long turn the angle is lost. The horizon sensor does not drift, but is coarse.
 
 Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive; a nose that points
-up feels gravity forward, a right wing that hangs low feels it to the left.
+up feels gravity forward, a right wing that is low feels it to the left.
 
-A restart: the fused filter starts from the accelerometers; gyros alone start from the best glide, and need their pull
-to forget the error, which is why that version is the worse one.
+A restart: the fused filter starts from the accelerometers. Gyros alone start from the best glide, and lose that error
+only slowly; so this version is the worse one.
 """
 
 import math
@@ -28,7 +28,7 @@ _HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
 
 
 class AttitudeFilter(Module):
-    """Pitch and roll in degrees from body rates, and in mode `fused` accelerations too."""
+    """Pitch and roll in degrees from body rates; in mode `fused` from accelerations as well."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -36,7 +36,7 @@ class AttitudeFilter(Module):
         self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Turn with the gyros, pull towards the reference; nothing is published before there is a first attitude."""
+        """Turn by the gyros, and correct towards the reference; publish nothing before the first attitude."""
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
         reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
         pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S
@@ -65,7 +65,7 @@ class AttitudeFilter(Module):
 
 
 def _gravity_deg(inputs: Inputs) -> tuple[float, float] | None:
-    """Pitch and roll at which gravity would be felt like this, None without both accelerations."""
+    """Give the pitch and roll that gravity shows in the accelerations; None without both accelerations."""
     forward_g, right_g = number(inputs, "longitudinal_acceleration"), number(inputs, "lateral_acceleration")
     if forward_g is None or right_g is None:
         return None
@@ -84,7 +84,7 @@ class HorizonAttitude(Module):
         self._angles_deg: tuple[float, float] | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Smooth a little, as thermopiles are noisy; nothing without a contrast."""
+        """Publish a slightly smoothed attitude, since thermopiles are noisy; nothing without a contrast."""
         contrast = numbers(inputs, "horizon_contrast", 2)
         if contrast is None:
             return {}

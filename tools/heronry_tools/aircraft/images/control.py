@@ -1,14 +1,14 @@
-"""The inner loops: from an attitude and a commanded attitude to a surface's angle.
+"""The inner loops: from the attitude and a commanded attitude to the angle of a surface.
 
-Signs are CANaerospace's: an elevator that goes down lifts the tail and lowers the nose, so a nose that is too high asks
-for a positive deflection. A rudder that swings clockwise (positive) yaws to the right, and the wings' dihedral rolls
-the aircraft after it: an inflatable wing has no ailerons.
+Signs are CANaerospace's. An elevator that goes down (positive) lowers the nose, so a nose that is too high needs a
+positive deflection. A rudder that swings clockwise (positive) yaws to the right, and by their dihedral the wings then
+roll to the right: an inflatable wing has no ailerons.
 
-What they decide: the demand, held to what the surface can do. Without a command, or with one that is gone, a loop flies
-the best glide with level wings; a command beyond the limits is held to them, whatever its source. Without an attitude
-nothing is published, and the servo stays where it is.
+What they decide: the demand, limited to the range of the surface. Without a command a loop flies the best glide with
+level wings. A command beyond the limits is limited, whatever its source. Without an attitude nothing is published, and
+the servo stays where it is.
 
-A restart loses the integral: the surface moves by at most the trim that it had learned.
+A restart loses the integral: the surface moves by at most the trim that was learned.
 """
 
 import math
@@ -33,8 +33,8 @@ _RUDDER_LIMIT_DEG = 20.0
 class Pid:
     """Proportional, integral and rate feedback, in deg per deg, 1/s and s.
 
-    The integral is for trim: it gives at most `trim_deg`, so that a loop which cannot move its aircraft (with a surface
-    stuck, say) does not run away to its stop.
+    The integral is for trim: it contributes at most `trim_deg`, so a loop that cannot move its aircraft (because of a
+    jammed surface, for example) does not run to its stop.
     """
 
     proportional: float
@@ -45,19 +45,19 @@ class Pid:
     _sum_deg_s: float = field(default=0.0, init=False)
 
     def learn_trim(self, error_deg: float, period_s: float) -> None:
-        """Take one period's error into the integral."""
+        """Add one period's error to the integral."""
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Answer an error (demanded minus present angle) and a present rate."""
+        """Give the output for an error (demanded minus present angle) and a present rate."""
         quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
         return held(quick + self.integral * self._sum_deg_s, self.limit_deg)
 
 
 class PitchControl(Module):
-    """Elevator from pitch; mode `scheduled` weakens the loop with speed, as surfaces bite with its square.
+    """Elevator from pitch; in mode `scheduled` the gain falls with speed, as a surface acts with the speed's square.
 
-    Without flow, on the balloon's line, a surface bites nothing: then there is no trim to be learned.
+    Without flow, on the balloon's line, a surface has no effect, so no trim is learned.
     """
 
     def __init__(self, ctx: Context) -> None:
@@ -79,14 +79,14 @@ class PitchControl(Module):
 
 
 def _gain(speed_m_per_s: float | None) -> float:
-    """1 at the best glide, and where the speed is unknown or there is no flow."""
+    """Give the gain: 1 at the best glide, if the speed is unknown, and without flow."""
     if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S:
         return 1.0
     return min(max((BEST_GLIDE_M_PER_S / speed_m_per_s) ** 2, 0.4), 1.5)
 
 
 class RollControl(Module):
-    """Rudder from roll, with roll rate where it is supplied (mode `damped`)."""
+    """Rudder from roll; in mode `damped` also from the roll rate."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -104,16 +104,16 @@ class RollControl(Module):
 
 
 class StateEstimator(Module):
-    """Stands for all the state estimation that the paper's Figure 3 leaves out, as it shows no source of `state_info`.
+    """A stand-in for the state estimation that the paper's Figure 3 omits: it shows no source of `state_info`.
 
-    The state is how much too high the nose is, in degrees: a slow swing around the glide, a function of time alone.
+    `state_info` is the error of the nose (deg, too high is positive): here a slow swing, a function of time.
     """
 
     amplitude_deg = 6.0
     swing_s = 8.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (it has none)
-        """Publish the swing at this time."""
+        """Publish `state_info` for the present time."""
         phase = self.ctx.now_ns % round(self.swing_s * NS_PER_S) / (self.swing_s * NS_PER_S)
         return {"state_info": self.amplitude_deg * math.sin(math.tau * phase)}
 
@@ -126,7 +126,7 @@ class ElevatorControl(Module):
         self._pid = Pid(proportional=1.8, integral=0.1, damping=0.0, limit_deg=_ELEVATOR_LIMIT_DEG)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the elevator's demand in degrees; nothing without a state."""
+        """Publish the elevator's demand in degrees; nothing without `state_info`."""
         too_high_deg = number(inputs, "state_info")
         if too_high_deg is None:
             return {}

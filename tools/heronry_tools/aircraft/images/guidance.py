@@ -1,11 +1,11 @@
-"""The outer loops: from a place and a stage of the flight to a commanded attitude.
+"""The outer loops: from a position and the stage of the flight to a commanded attitude.
 
-Two of them, as in section 4 of the paper. `Guidance` is on board: it flies home along a straight line, or, without a
-position, straight ahead. `OrbitAutopilot` is the experiment on the ground: it knows the aircraft by telemetry alone,
-and circles over the field by a vector field, which leads to the circle from anywhere without a switch between approach
-and orbit. Both publish commands in degrees; the inner loops limit them, and fly on without them.
+There are two, as in section 4 of the paper. `Guidance` is on board: it flies home on a straight line, or, without a
+position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It knows the aircraft only by telemetry, and
+circles over the field by a vector field, which leads to the circle from anywhere without switching between approach and
+orbit. Both publish commands in degrees; the inner loops limit them, and fly on without them.
 
-A restart loses nothing: every command follows from the inputs of one step.
+A restart loses nothing: every command depends only on the inputs of one step.
 """
 
 import math
@@ -16,7 +16,7 @@ from heronry_agent.parts.reading import held, number, numbers, whole
 from heronry_tools.aircraft.images.control import BEST_GLIDE_M_PER_S, BEST_GLIDE_PITCH_DEG
 from heronry_tools.aircraft.images.mission import Stage
 
-# The field where the flight began and shall end: near Lexington, Kentucky.
+# The field at which the flight begins and ends: near Lexington, Kentucky.
 HOME_LATITUDE_DEG = 38.03
 HOME_LONGITUDE_DEG = -84.50
 HOME_ALTITUDE_M = 300.0
@@ -32,7 +32,7 @@ _STEEPEST_PITCH_DEG = -8.0
 
 
 def home_bearing_and_distance(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """Bearing of the field in degrees (-180..180, clockwise from north) and its distance in m, on a flat earth."""
+    """Bearing of the field in degrees (-180..180, clockwise from north) and its distance in m, for a flat earth."""
     north_m = (HOME_LATITUDE_DEG - latitude_deg) * M_PER_DEG_LATITUDE
     per_deg_m = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
     east_m = (HOME_LONGITUDE_DEG - longitude_deg) * per_deg_m
@@ -40,15 +40,15 @@ def home_bearing_and_distance(latitude_deg: float, longitude_deg: float) -> tupl
 
 
 def turn_deg(wanted_deg: float, present_deg: float) -> float:
-    """The shorter way from one direction to another, -180..180, right positive."""
+    """The shorter turn from one direction to another, -180..180, right positive."""
     return (wanted_deg - present_deg + 180.0) % 360.0 - 180.0
 
 
 class Guidance(Module):
-    """Home, or level: modes `route` and `level`."""
+    """Flies home (mode `route`) or straight ahead (mode `level`)."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish both commands; in `route` a missing position or track means straight ahead."""
+        """Publish both commands; in `route`, fly straight ahead if position or track is missing."""
         return {"pitch_command": self._pitch_deg(inputs), "roll_command": self._roll_deg(inputs)}
 
     def _pitch_deg(self, inputs: Inputs) -> float:
@@ -68,7 +68,7 @@ class Guidance(Module):
 
 
 def _bank_per_deg(inputs: Inputs) -> float:
-    """Bank more where the air is thin and the aircraft fast: the same bank turns it more slowly there."""
+    """Give the bank per degree of turn: more in thin air and at speed, where a bank turns the aircraft more slowly."""
     true_m_per_s = number(inputs, "true_airspeed")
     if true_m_per_s is None:
         return _BANK_PER_DEG
@@ -76,9 +76,9 @@ def _bank_per_deg(inputs: Inputs) -> float:
 
 
 class OrbitAutopilot(Module):
-    """The experiment: a circle over the field, and a steeper glide the higher the aircraft still is.
+    """The experiment: a circle over the field, with a glide that is steeper the higher the aircraft is.
 
-    An aircraft that reports to hang on its balloon is commanded to hang level.
+    An aircraft that reports that it hangs on its balloon is commanded to hang level.
     """
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
@@ -92,14 +92,14 @@ class OrbitAutopilot(Module):
         if status is not None and status[0] < Stage.GLIDE:
             return {"pitch_command": BEST_GLIDE_PITCH_DEG, "roll_command": 0.0}
         bearing_deg, distance_m = home_bearing_and_distance(place[0], place[1])
-        # Far away straight home; on the circle at right angles to that; inside it outwards.
+        # Far away the course is straight home, on the circle at right angles to that, inside the circle outwards.
         inward_deg = math.degrees(math.atan2(distance_m - _ORBIT_RADIUS_M, _ORBIT_RADIUS_M))
         wanted_deg = bearing_deg - 90.0 + inward_deg
         roll_deg = held(turn_deg(wanted_deg, course_deg), _ORBIT_BANK_LIMIT_DEG)
         return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
 
     def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
-        """Steeper when high; a little nose-up for the lift that a bank takes away."""
+        """Give the pitch: steeper when high, and slightly nose-up for the lift lost in a bank."""
         height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
         glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
         return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

@@ -1,11 +1,11 @@
-"""Pictures for the ground, word by word: a thumbnail leaves as a stream of 32-bit words, and is put together there.
+"""Pictures for the ground: a thumbnail is sent as a stream of 32-bit words, and put together on the ground.
 
-A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: number of the frame, then where it was
-taken (latitude and longitude in 1/32768 deg from -256 up, altitude in m; 0xFFFFFF for not known). The rest are three
-grey pixels each. `preview` sends every fourth pixel word, and so a coarser picture.
+A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: the number of the frame, and where it
+was taken (latitude and longitude in 1/32768 deg from -256 up, altitude in m; 0xFFFFFF if unknown). Each other word has
+three grey pixels. `preview` sends every fourth pixel word, which gives a coarser picture.
 
-The camera of the plant shows nothing but a counter; the pixels are a pattern made from it, so that the archive can
-check what has arrived. A lost word spoils its picture and no other: the next one starts again at index 0.
+The camera of the plant gives only a counter. The pixels are a pattern computed from the counter, so that the archive
+can verify what has arrived. A lost word spoils only its own picture: the next one starts again at index 0.
 
 A restart begins with the next frame.
 """
@@ -24,7 +24,7 @@ _PER_DEGREE = 32_768.0
 
 
 def pixel_word(frame: int, index: int) -> int:
-    """Payload of a pixel word of the test pattern."""
+    """Give the payload of a pixel word of the test pattern."""
     return (frame * 2_654_435_761 + index * 40_503) & _PAYLOAD_MASK
 
 
@@ -34,7 +34,7 @@ def word(index: int, payload: int) -> int:
 
 
 class Imaging(Module):
-    """Sends the latest frame, one word per period; modes `full` and `preview`."""
+    """Sends the latest frame, one word per period; `full` or `preview`."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -45,7 +45,7 @@ class Imaging(Module):
         self._head = [0] * HEAD_WORDS
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the next word; between two pictures nothing while no frame has been counted."""
+        """Publish the next word; after a picture, nothing until the camera has counted another frame."""
         if self._next == 0:
             frame = whole(inputs, "frame_count")
             if frame is None:
@@ -69,7 +69,7 @@ def _place(degrees: float | None) -> int:
 
 
 class ImageArchive(Module):
-    """Puts pictures together; `whole_frames` and `spoilt_frames` count them."""
+    """Puts pictures together, and counts them in `whole_frames` and `spoilt_frames`."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -88,7 +88,7 @@ class ImageArchive(Module):
 
     def _take(self, index: int, payload: int) -> None:
         if index == 0:
-            self.spoilt_frames += self._sound  # the last one never ended
+            self.spoilt_frames += self._sound  # the picture before is incomplete
             self._frame, self._sound = payload, True
         elif self._sound and not self._continues(index, payload):
             self._sound = False
@@ -104,5 +104,5 @@ class ImageArchive(Module):
         return in_step and (index < HEAD_WORDS or payload == pixel_word(self._frame, index))
 
     def _ends(self, index: int) -> bool:
-        """A full picture ends with the last word, a preview with the last of its own."""
+        """Tell whether a word is the last one of its picture, full or preview."""
         return index == WORDS - 1 or index - self._last_index == PREVIEW_STRIDE

@@ -1,11 +1,11 @@
-"""Where in its flight the aircraft is: the one variable that the phases of the spec are entered by.
+"""The stage of the flight, by which the phases of the spec are entered.
 
-What it decides: the stage, which only goes forward, and only when the signs of the next one have held for some steps.
-The signs are taken from what is there: an aircraft on its balloon has no airspeed, a released one has; without a pitot
-one that has come down a long way from its highest point has been released. With nothing at all it stays in its stage.
+What it decides: the stage. It only advances, and only when the signs of a later stage were present for some steps. The
+signs use the inputs that are present: an aircraft on its balloon has no airspeed, and a released one has. Without a
+pitot, an aircraft that is far below its highest point has been released. Without any input the stage stays.
 
-A restart begins with no stage and takes on the one that the signs show; the highest point is lost, so that a released
-aircraft without a pitot is recognised only once it has come down that long way again.
+A restart begins without a stage, and takes the one that the signs show. It loses the highest point, so without a pitot
+a released aircraft is recognized only after another long descent.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ _STEPS_TO_BELIEVE = 3
 
 
 class Stage(IntEnum):
-    """The stages of the flight, as `mission_stage` says them."""
+    """The stages of the flight, as published in `mission_stage`."""
 
     ASCENT = 0
     DEPLOYMENT = 1
@@ -31,13 +31,13 @@ class Stage(IntEnum):
 
 
 class MissionSequencer(Module):
-    """`mission_stage` from altitude, airspeed and wings, whichever are there."""
+    """Publishes `mission_stage`, from those of altitude, airspeed and wing state that are present."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._stage = Stage.ASCENT
         self._highest_m: float | None = None
-        self._signs = 0  # steps in a row that have shown a later stage
+        self._signs = 0  # steps in a row with signs of a later stage
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the stage."""

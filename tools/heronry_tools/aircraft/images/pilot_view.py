@@ -1,9 +1,7 @@
-"""What the pilot on the ground looks at in a landing: the glide path, and how the aircraft lies to it.
+"""The display for the pilot on the ground during a landing: the glide path, and the aircraft's position relative to it.
 
-What it decides: nothing; it computes from telemetry how far the aircraft is above the path that ends at the field, and
-on which side of it the field lies, and writes them to the screen. What is missing is not shown.
-
-A restart loses nothing.
+From telemetry it computes the height above the path that ends at the field, and the turn towards the field. A value
+that is missing is not shown. A restart loses nothing.
 """
 
 import math
@@ -18,12 +16,12 @@ _PATH_DEG = 4.0
 
 
 class PilotView(GroundDisplay):
-    """The display's line, with `above` (m over the glide path), `distance` (m) and `turn` (deg, right positive)."""
+    """The display's line with `distance` (m), `above` (m above the glide path) and `turn` (deg, right positive)."""
 
     columns: ClassVar[tuple[str, ...]] = ("telemetry_altitude",)
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Add the glide path to what the display shows."""
+        """Add the glide path to the display's line."""
         return super().more_words(inputs) + _path_words(inputs)
 
 

@@ -40,7 +40,7 @@ class ChuteLogic(Module):
         self._neither_ns = 0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the release."""
+        """Publish `chute_release`: 1 from the moment at which the parachute must open, 0 before."""
         command, altitude_m = whole(inputs, "release_command"), number(inputs, "altitude")
         period_ns = self.ctx.period_ns
         self._no_command_ns = self._no_command_ns + period_ns if command is None else 0
@@ -67,7 +67,7 @@ class CutdownLogic(Module):
         self._high_ns = 0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the cut."""
+        """Publish `balloon_cut`: 1 from the moment at which the line must be cut, 0 before."""
         command, altitude_m = whole(inputs, "cutdown_command"), number(inputs, "altitude")
         reached = altitude_m is not None and altitude_m >= _cut_altitude_m(whole(inputs, "wing_state"))
         self._high_ns = self._high_ns + self.ctx.period_ns if reached else 0

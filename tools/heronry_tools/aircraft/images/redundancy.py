@@ -1,4 +1,4 @@
-"""One of each part for fault tolerance (`heronry_agent.parts`), with the names of the specs that show them."""
+"""One module of each kind in `heronry_agent.parts`, with the variable names of the example specs."""
 
 from heronry_agent.parts.choosers import FailOver, NVersion
 from heronry_agent.parts.limiter import RateLimiter
@@ -15,39 +15,39 @@ class PressureMedian(MedianVoter):
 
 
 class PressureMajority(MajorityVoter):
-    """The pressure that two of three sensors agree on, in hPa."""
+    """The pressure on which two of three sensors agree, in hPa."""
 
     channels, output, tolerance = _PRESSURES, "agreed_pressure", 20.0
 
 
 class PressureFailOver(FailOver):
-    """The pressure that two agree on, else the middle."""
+    """The pressure on which two sensors agree, else the middle one."""
 
     sources, output = ("agreed_pressure", "median_pressure"), "static_pressure"
 
 
 class PitchVersions(NVersion):
-    """The pitch of the gyros, else that of the horizon, in degrees."""
+    """The pitch of the gyros, else that of the horizon sensor, in degrees."""
 
     variable, output, tolerance = "pitch_angle", "checked_pitch", 5.0
     authors = {1: "module:gyro_attitude", 2: "module:horizon_attitude"}  # noqa: RUF012 - a ClassVar of NVersion
 
 
 class ElevatorLimiter(RateLimiter):
-    """The elevator's demand, by 30 degrees a second at most."""
+    """The elevator's demand, limited to 30 degrees per second."""
 
     source = output = "elevator_demand"
     most_per_s = 30.0
 
 
 class PressureStuck(StuckSensorMonitor):
-    """Watches the barometer."""
+    """Monitors whether the barometer's reading is stuck."""
 
     source, output, element = "absolute_pressure", "pressure_health", "device:barometer"
 
 
 class ElevatorFollows(ActuatorMonitor):
-    """Watches the first elevator servo."""
+    """Monitors whether the elevator follows its first servo."""
 
     command, position, output = "elevator_demand", "elevator_angle", "elevator_health"
     element, tolerance, lag_s = "device:elevator_servo_1", 2.5, 0.1

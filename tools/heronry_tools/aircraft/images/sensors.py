@@ -1,12 +1,11 @@
-"""Device drivers of the sensors: from what a device says to variables in their units.
+"""Device drivers of the sensors: they convert a device's readings to variables in their units.
 
-What they decide: whether the device answers. One that has been silent, or has given readings that no such device gives,
-for half a second is reported as `device:...`, and every half second from then on, since the operator may have cleared
-it; the half second covers a device that is still waking up when its driver starts. Nothing is published for a period
-without an
-answer: an old value is not repeated as a new one.
+What they decide: whether the device has failed. A device that for half a second was silent, or gave impossible
+readings, is reported as `device:...`, and again every half second, since the operator may have cleared it. The half
+second covers a device that is still starting when its driver starts. For a period without a valid reading nothing is
+published: an old value is not repeated as a new one.
 
-A restart loses the count of silent periods and nothing else.
+A restart loses only the count of silent periods.
 """
 
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ _SHORT_LIMIT = 32_767
 
 
 class SensorDriver(Module):
-    """Reads its device once per period; subclasses say what a reading means."""
+    """Reads its device once per period; a subclass converts the reading."""
 
     device: ClassVar[str]
 
@@ -30,7 +29,7 @@ class SensorDriver(Module):
         self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
-        """Publish what the device says, or nothing while it is silent."""
+        """Publish the converted reading, or nothing if there is none."""
         raw = self.ctx.read()
         given = None if raw is None else self.convert(raw)
         if self._silence.is_due(given is None):
@@ -38,24 +37,24 @@ class SensorDriver(Module):
         return {} if given is None else given
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Variables from a reading; None for a reading that no such device gives."""
+        """Give the variables of a reading; None if the reading is impossible for this device."""
         raise NotImplementedError
 
 
 class NumberSensor(SensorDriver):
-    """A device whose one reading is one variable, in the same unit."""
+    """A device with one number as its reading, which is published in the same unit."""
 
     variable: ClassVar[str]
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Pass a number on."""
+        """Give the number."""
         return {self.variable: float(raw)} if isinstance(raw, (int, float)) else None
 
 
 class TupleSensor(SensorDriver):
-    """A device that gives several integers at once: (variable, units per count) for each, in order.
+    """A device that gives several integers at once; for each, in order: its variable and the units per count.
 
-    A place whose variable is None is read and not used.
+    An integer without a variable (None) is not used.
     """
 
     fields: ClassVar[tuple[tuple[str | None, float], ...]]
@@ -68,7 +67,7 @@ class TupleSensor(SensorDriver):
 
 
 class InertialUnit(TupleSensor):
-    """Rate gyros and accelerometers: 0.001 deg/s and 0.001 g a count."""
+    """Rate gyros and accelerometers; counts of 0.001 deg/s and 0.001 g."""
 
     device = "imu_1"
     fields = (
@@ -80,7 +79,7 @@ class InertialUnit(TupleSensor):
 
 
 class RateGyros(TupleSensor):
-    """Rate gyros alone: 0.001 deg/s a count."""
+    """Rate gyros alone; counts of 0.001 deg/s."""
 
     device = "imu_2"
     fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
@@ -94,19 +93,19 @@ class GpsReceiver(TupleSensor):
 
 
 class GpsAltitude(TupleSensor):
-    """The same receiver where only its height is used."""
+    """The GPS receiver of a spec that uses only its height."""
 
     device = "gps"
     fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
 
 
 class Horizon(SensorDriver):
-    """Thermopiles: the contrast along and across, in counts, as one pair."""
+    """Thermopiles: the contrast along and across the aircraft, in counts, as a pair."""
 
     device = "horizon_sensor"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Hold both counts to what a pair of SHORT carries."""
+        """Limit both counts to the range of SHORT."""
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"horizon_contrast": tuple(min(max(count, -_SHORT_LIMIT), _SHORT_LIMIT) for count in raw)}
@@ -148,14 +147,14 @@ class Pitot(NumberSensor):
 
 
 class ElevatorAngle(NumberSensor):
-    """Where the elevator really stands, in degrees, down positive."""
+    """The true angle of the elevator, in degrees, down positive."""
 
     device = "elevator_angle_sensor"
     variable = "elevator_angle"
 
 
 class WingPressure(NumberSensor):
-    """Gas in the wings, in hPa above the air outside."""
+    """Gas pressure in the wings, in hPa above the air outside."""
 
     device = "wing_pressure_sensor"
     variable = "wing_pressure"
@@ -169,7 +168,7 @@ class Ultraviolet(NumberSensor):
 
 
 class Battery(NumberSensor):
-    """Voltage of the battery."""
+    """Voltage of the battery, in V."""
 
     device = "battery"
     variable = "battery_voltage"
@@ -181,7 +180,7 @@ class Camera(SensorDriver):
     device = "camera"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Count modulo 2^32."""
+        """Give the count modulo 2^32."""
         return {"frame_count": raw & _ULONG_MASK} if isinstance(raw, int) else None
 
 
@@ -191,7 +190,7 @@ class CommandReceiver(SensorDriver):
     device = "command_receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Anything but 0 is yes."""
+        """Give 1 for any number but 0."""
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"release_command": int(raw[0] != 0), "cutdown_command": int(raw[1] != 0)}
@@ -209,5 +208,5 @@ class ChuteReceiver(SensorDriver):
     device = "receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Anything but 0 is yes."""
+        """Give 1 for any number but 0."""
         return {"release_command": int(raw != 0)} if isinstance(raw, (int, float)) else None

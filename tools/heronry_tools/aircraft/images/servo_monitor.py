@@ -1,29 +1,29 @@
-"""The servo monitors: they compare a surface's command with its position, and name the device at fault.
+"""The servo monitors: they compare a surface's command with its position, and report the device that has failed.
 
-What they decide: which device has failed. The surface is expected where a healthy servo would have brought it (the
-command through a short lag). A difference beyond the tolerance that lasts for the delay, and for several looks at it,
-is a failure; then the manager is given time to put the other servo to work.
+Detection. A healthy servo would bring the surface to the command through a short lag. A difference from that position
+beyond the tolerance, for the whole delay and in several comparisons, is a failure. After a report the monitor waits
+while the manager activates the other servo.
 
-Which device is at fault. In `big_blue` each servo driver publishes what it commands, in a version of its own, so the
-version of the datum shows which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the
-monitor assumes what the graph says: the first branch of the DEMUX works first, and the second one after the first has
-been reported. That is wrong when the first servo is out of use for another reason, and harmless then: the report names
-a device that is already down. Nor does this monitor know whether the servo is driven at all. A surface stands still as
-well while its driver is silent, or holds back on another PE, until that is noticed and another one drives; so this
-monitor waits for longer than a reconfiguration takes before it reports a servo.
+Which servo. In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
+shows which servo is driven. The monitor of the paper's Figure 3 has no such echo. It assumes that the first branch of
+the DEMUX drives, and, once the first servo was reported, the second branch. If the first servo is out of use for
+another reason this is wrong, but harmless: the report names a device that is already down. This monitor does not know
+either whether the servo is driven at all: a surface also stands still while its driver is silent, or is held back on
+another PE, until another driver takes over. So this monitor waits for longer than a reconfiguration takes before it
+reports a servo.
 
-The second servo is reported only if the surface has followed its commands for a while since the first one was: two
-servos hardly fail within a short time, and a single stuck potentiometer makes both look wrong. Reporting both would
-leave the aircraft without an elevator because of a sensor, so then the sensor is reported. A device that was reported
-and is still in use is reported again, and no other one: the operator may have cleared it.
+Servo or sensor. The second servo is reported only if the surface has followed its commands for a while since the first
+one was reported. Two servos hardly fail within a short time, and one stuck potentiometer makes both look wrong.
+Reporting both would leave the aircraft without an elevator because of a sensor, so in that case the sensor is reported.
+A reported device that is still in use is reported again, and no other one: the operator may have cleared it.
 
-What it cannot see: a surface that is stuck at its commanded position. It shows with the next command.
+Not detected: a surface that is stuck at its commanded position, until the next command.
 
-The health that they publish: 0 well, else the device that was reported last: 1 or 2 the servo of that number, 3 the
-angle sensor.
+The published health: 0 for healthy, else the device that was reported last: 1 or 2 for the servo of that number, 3 for
+the angle sensor.
 
-Start: the surface is expected where it stands. A missing command or angle suspends the comparison. A restart forgets
-the reports; the next failure repeats them, which changes nothing.
+At its start the monitor expects the surface where it is. Without a command or an angle it does not compare. A restart
+forgets the reports; the next failure repeats them, which changes nothing.
 """
 
 from collections.abc import Mapping
@@ -35,10 +35,10 @@ from heronry_agent.parts.reading import number
 _NS_PER_S = 1_000_000_000
 _TOLERANCE_DEG = 2.5
 _DELAY_NS = 500_000_000
-_DELAY_WITHOUT_ECHO_NS = 1_500_000_000  # noticed, planned, held until T_lease is over, and driven back: all in this
-_LOOKS = 5  # command and angle are of different moments: one slow step between them proves nothing
+_DELAY_WITHOUT_ECHO_NS = 1_500_000_000  # detection, planning, T_lease, and the way back of the surface
+_LOOKS = 5  # comparisons: command and angle are of different moments, so one difference proves nothing
 _TIME_TO_SWITCH_NS = 3_000_000_000
-_FOLLOWING_NS = 3_000_000_000  # longer than a swinging command needs to pass a stuck surface by
+_FOLLOWING_NS = 3_000_000_000  # longer than a swinging command agrees with a stuck surface in passing
 _LAG_S = 0.1
 _DETAIL_PER_DEG = 10
 _DETAIL_MAX = 0xFFFF
@@ -46,7 +46,7 @@ _SENSOR = 3
 
 
 class SurfaceMonitor(Module):
-    """Watches the elevator; subclasses say which variable is the command and which servo it goes to."""
+    """Monitors the elevator; a subclass knows the variable of the command and the servo that is driven."""
 
     command: ClassVar[str]
     health: ClassVar[str]
@@ -56,16 +56,16 @@ class SurfaceMonitor(Module):
         super().__init__(ctx)
         self._expected_deg: float | None = None
         self._accused: list[int] = []
-        self._apart_ns = 0  # how long the difference has lasted; negative: not looked at yet
+        self._apart_ns = 0  # duration of the difference; negative: not compared yet
         self._following_ns = 0
         self._followed_since_accused = True
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Give the number of the servo that the command goes to."""
+        """Give the number of the servo that is driven."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare, and publish the health."""
+        """Compare command and angle, and publish the health."""
         commanded_deg, angle_deg = number(inputs, self.command), number(inputs, "elevator_angle")
         if commanded_deg is None or angle_deg is None:
             self._expected_deg = None
@@ -110,23 +110,23 @@ class SurfaceMonitor(Module):
 
 
 class ElevatorMonitor(SurfaceMonitor):
-    """The monitor that knows which servo works: the version of the echo is the servo's number."""
+    """The monitor that knows which servo is driven: the version of the echo is the number of the servo."""
 
     command = "elevator_servo_command"
     health = "servo_health"
 
     def working_servo(self, inputs: Inputs) -> int:
-        """Read the number off the datum."""
+        """Give the version of the echo."""
         return inputs[self.command].version
 
 
 class ServoMonitor(SurfaceMonitor):
-    """The monitor of the paper's Figure 3, which has to assume which servo works."""
+    """The monitor of the paper's Figure 3, which assumes which servo is driven."""
 
     command = "elevator_demand"
     health = "servo_failure"
     delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
-        """Give the first servo, or the second once the first has been reported."""
+        """Give the first servo, or the second one if the first was reported."""
         return 2 if 1 in self._accused else 1

@@ -1,10 +1,8 @@
-"""Output of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
+"""Outputs of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
 
-What is decided: nothing. Telemetry repeats what it has at the rate of its mode, and leaves out what it lacks, so that a
-missing value is missing on the ground as well; in each byte of the status 255 stands for "missing". Display and
-recorder write one line of text per period: `name=value` for what is there, in a fixed order.
-
-A restart loses nothing.
+Telemetry repeats the present inputs at the rate of its mode and omits the missing ones, so a missing value is missing
+on the ground, too; in a byte of the status 255 stands for "missing". Display and recorder write one line of text per
+period: `name=value` for each present input, in a fixed order. A restart loses nothing.
 """
 
 from collections.abc import Mapping
@@ -28,10 +26,10 @@ _REPEATED = {
 
 
 class Telemetry(Module):
-    """The aircraft for the radio: numbers as they are, attitude in 0.01 deg, and four bytes of status."""
+    """The aircraft's data for the radio: numbers as they are, attitude in 0.01 deg, and four bytes of status."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish what is there."""
+        """Publish the data whose inputs are present."""
         given: dict[str, Value] = {
             name: value for name, source in _REPEATED.items() if (value := number(inputs, source)) is not None
         }
@@ -48,7 +46,7 @@ def _centidegrees(angle_deg: float) -> int:
 
 
 def _status(inputs: Inputs) -> tuple[int, ...]:
-    """Stage of the mission, state of the wings, health of the servos, battery in 0.1 V; 255 for what is not known."""
+    """Give stage of the mission, state of the wings, health of the servos, battery in 0.1 V; 255: unknown."""
     voltage = number(inputs, "battery_voltage")
     decivolts = None if voltage is None else round(DECIVOLTS * voltage)
     states = (whole(inputs, name) for name in ("mission_stage", "wing_state", "servo_health"))
@@ -56,7 +54,7 @@ def _status(inputs: Inputs) -> tuple[int, ...]:
 
 
 class LineWriter(Module):
-    """Writes those of its inputs that have a value to its device, as one line of text."""
+    """Writes its present inputs to its device as one line of text."""
 
     columns: ClassVar[tuple[str, ...]]
 
@@ -68,7 +66,7 @@ class LineWriter(Module):
         return {}
 
     def more_words(self, inputs: Inputs) -> list[str]:  # noqa: ARG002 (subclasses may have some)
-        """Give what is no single number of the inputs."""
+        """Give further words of the line, for values that are not single numbers."""
         return []
 
 
@@ -101,7 +99,7 @@ class GroundDisplay(LineWriter):
     )
 
     def more_words(self, inputs: Inputs) -> list[str]:
-        """Attitude in degrees, and the status."""
+        """Give the attitude in degrees, and the status."""
         words = []
         attitude, status = numbers(inputs, "telemetry_attitude", 2), numbers(inputs, "telemetry_status", 4)
         if attitude is not None:

@@ -1,11 +1,12 @@
-"""The inflatable wings: gas into them, and watching them until their skin is hard.
+"""The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
 
-What is decided: when the valve is open, and what state the wings are in. The two feed each other: the control stops
-for good when the monitor says that they are cured, or leak; the monitor tells folded wings from filling ones by the
-valve. (The spec gives `wing_state` an initial value for that loop.) A leak is pressure gone from wings that were firm.
+What is decided: when the valve is open, and the state of the wings. Control and monitor depend on each other. The
+control stops when the monitor publishes that the wings are cured or leak, and does not start again. The monitor
+distinguishes folded wings from filling ones by the valve. (For that loop the spec gives `wing_state` an initial value.)
+A leak is a loss of pressure in wings that were firm.
 
-A restart loses the ultraviolet dose: the monitor says "firm" until it has seen the dose again, which keeps the valve at
-work longer than it need be and does no harm.
+A restart loses the ultraviolet dose: the monitor publishes "firm" until it has measured the dose again. So the valve is
+controlled longer than necessary, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -20,13 +21,13 @@ _FIRM_HPA = 430.0
 _LEAKING_HPA = 250.0
 _OPEN_BELOW_HPA, _SHUT_ABOVE_HPA = 470.0, 500.0
 _LOWEST_INFLATION_M = 15_000.0
-_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # longer than a reconfiguration or a start: the datum is no longer measured
-# Compressed like the plant's flight; real resin takes minutes of sun at altitude.
+_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # longer than a reconfiguration or a start: then the altitude is no longer measured
+# Shortened like the plant's flight; real resin needs minutes of sun at altitude.
 _CURE_DOSE_J_PER_M2 = 600.0
 
 
 class WingState(IntEnum):
-    """The states of the wings, as `wing_state` says them."""
+    """The states of the wings, as published in `wing_state`."""
 
     STOWED = 0
     INFLATING = 1
@@ -36,7 +37,7 @@ class WingState(IntEnum):
 
 
 class InflationControl(Module):
-    """Opens the valve below one pressure and shuts it above another; `valve_demand` is 0 or 1."""
+    """Opens the valve below one pressure and closes it above another; `valve_demand` is 0 or 1."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -44,7 +45,7 @@ class InflationControl(Module):
         self._altitude_heard_ns = ctx.now_ns
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Publish the valve's demand; shut without a pressure, low down, and once nothing is to be gained."""
+        """Publish the demand: closed without a pressure, near the ground, and when the wings are cured or leak."""
         pressure_hpa = number(inputs, "wing_pressure")
         if pressure_hpa is None or self._refrains(inputs):
             self._open = False
@@ -58,8 +59,8 @@ class InflationControl(Module):
         state, altitude_m = whole(inputs, "wing_state"), number(inputs, "altitude")
         if state in {WingState.CURED, WingState.LEAKING}:
             return True
-        # Folded wings stay folded near the ground, and until it is certain that their state is no longer measured;
-        # wings that have begun to fill are finished wherever they are.
+        # Folded wings stay folded near the ground, and until the altitude has been missing for long enough.
+        # Wings that have begun to fill are filled, at any altitude.
         if altitude_m is None:
             low = self.ctx.now_ns - self._altitude_heard_ns < _ALTITUDE_LOST_NS
         else:
@@ -69,7 +70,7 @@ class InflationControl(Module):
 
 
 class WingMonitor(Module):
-    """`wing_state` from pressure, and in mode `cure` from the ultraviolet dose while the wings are firm."""
+    """`wing_state` from the pressure, and in mode `cure` from the ultraviolet dose while the wings are firm."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -1,13 +1,13 @@
-"""Which device measures what, and which one moves what: the table for the two specs that are shipped.
+"""The device table of the two shipped specs: what each sensor measures, and what each actuator moves.
 
-The aircraft answers its surfaces: pitch and roll are those of the script plus a share of the elevator's and the
-rudder's angle, smaller the slower the air flows past them, and with the lag of the airframe. On the balloon's line
-there is hardly any flow, and the surfaces do nothing.
+The aircraft reacts to its surfaces. Pitch and roll are those of the script plus a share of the elevator's and the
+rudder's angle. The share falls with the speed of the air, and the airframe adds a lag. On the balloon's line there is
+hardly any flow, so the surfaces have no effect.
 
-A sensor's reading is what the device itself would hand to its driver, in its own units: an inertial unit and a GPS
-receiver speak in integers, a pressure transducer in hectopascals. Noise and bias are of the size such devices have.
+A sensor's reading is the value that the real device gives to its driver, in its own units: an inertial unit and a GPS
+receiver give integers, a pressure transducer hectopascals. Noise and bias are as large as those of such devices.
 
-A device that is not in the table is still a device: a sensor reads 0.0, an actuator keeps what was written to it.
+A device that is not in the table works all the same: a sensor reads 0.0, an actuator keeps its last command.
 """
 
 import math
@@ -22,7 +22,7 @@ from heronry_tools.aircraft.plant.noise import noise
 CAMERA_FRAMES_PER_S = 5
 GPS_PERIOD_NS = 100_000_000
 HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
-# What each actuator pushes. A surface pushes itself, and the airframe with it.
+# The mechanisms that each actuator pushes. An actuator of a surface pushes the surface and the airframe.
 PUSHED_BY: Mapping[str, tuple[str, ...]] = {
     "elevator_servo_1": ("elevator", "pitching"),
     "elevator_servo_2": ("elevator", "pitching"),
@@ -30,7 +30,7 @@ PUSHED_BY: Mapping[str, tuple[str, ...]] = {
     "rudder_servo_2": ("rudder", "rolling"),
     "inflation_valve": ("wing",),
 }
-WING_SUPPLY_HPA = 700.0  # where the wings' pressure ends with the valve fully open
+WING_SUPPLY_HPA = 700.0  # final pressure in the wings with the valve fully open
 _PITCH_PER_ELEVATOR = -0.4  # deg per deg at the best glide: an elevator that goes down lowers the nose
 _ROLL_PER_RUDDER = 0.6
 _GLIDE_M_PER_S = 18.0
@@ -40,7 +40,7 @@ _GLIDE_M_PER_S = 18.0
 class Surroundings:
     """The conditions of a reading: the sensor's name, the time since take-off, the flight, and the mechanisms.
 
-    Positions are in the mechanisms' own units (deg, hPa), rates in those per second.
+    Positions are in the units of each mechanism (deg, hPa), rates in these units per second.
     """
 
     device: str
@@ -51,13 +51,13 @@ class Surroundings:
 
     @property
     def attitude_deg(self) -> tuple[float, float]:
-        """Pitch and roll, with what the surfaces do to them."""
+        """Pitch and roll, with the effect of the surfaces."""
         pitch, roll = self._by_surfaces(self.position)
         return self.now.pitch_deg + pitch, self.now.roll_deg + roll
 
     @property
     def body_rates_deg_per_s(self) -> tuple[float, float]:
-        """Rates of pitch and roll, with what the surfaces do to them."""
+        """Rates of pitch and roll, with the effect of the surfaces."""
         pitch, roll = self._by_surfaces(self.rate)
         return self.now.pitch_rate_deg_per_s + pitch, self.now.roll_rate_deg_per_s + roll
 
@@ -66,7 +66,7 @@ class Surroundings:
         return _PITCH_PER_ELEVATOR * flow * of("pitching"), _ROLL_PER_RUDDER * flow * of("rolling")
 
     def with_noise(self, value: float, sigma: float, axis: str = "") -> float:
-        """Add this device's noise at this time; devices and axes are independent of each other."""
+        """Add the noise of this device and axis at this time; devices and axes are independent of each other."""
         return value + sigma * noise(self.device + axis, self.time_ns)
 
 
@@ -114,7 +114,7 @@ def _gps(around: Surroundings) -> tuple[int, ...]:
 
 
 def _pressure(bias_hpa: float) -> Sensor:
-    """A static pressure transducer, in hPa, with its own error."""
+    """Give a static pressure transducer, in hPa, with this bias."""
 
     def read(around: Surroundings) -> float:
         return max(around.with_noise(atmosphere.pressure_hpa(around.now.altitude_m) + bias_hpa, 0.02), 0.0)
@@ -127,7 +127,7 @@ def _pitot(around: Surroundings) -> float:
 
 
 def _angle_of(mechanism: str) -> Sensor:
-    """A potentiometer on a surface, in degrees."""
+    """Give a potentiometer on a surface, in degrees."""
 
     def read(around: Surroundings) -> float:
         return around.with_noise(around.position(mechanism), 0.05)
@@ -154,7 +154,7 @@ def _camera(around: Surroundings) -> int:
 
 
 def _commands(around: Surroundings) -> tuple[int, ...]:
-    """Release of the parachute, and cut of the balloon's line: the ground gives the second one in time."""
+    """Commands to release the parachute, and to cut the balloon's line; the ground gives the second at CUTDOWN_S."""
     return (0, int(around.now.time_s >= CUTDOWN_S))
 
 
@@ -184,7 +184,7 @@ SENSORS: Mapping[str, Sensor] = {
 
 
 def felt_by(device: str) -> frozenset[str]:
-    """Mechanisms that a device's reading depends on."""
+    """Give the mechanisms on which a device's reading depends."""
     felt: set[str] = set()
 
     def feel(mechanism: str) -> float:
@@ -196,6 +196,6 @@ def felt_by(device: str) -> frozenset[str]:
 
 
 def reading(around: Surroundings) -> Value:
-    """What a healthy device reads; 0.0 for one that is not in the table."""
+    """Give the reading of a healthy device; 0.0 for one that is not in the table."""
     sensor = SENSORS.get(around.device)
     return sensor(around) if sensor is not None else 0.0

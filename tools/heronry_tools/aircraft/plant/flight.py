@@ -1,14 +1,14 @@
-"""The flight of the plant: up under a balloon, wings out, released, gliding home, down.
+"""The scripted flight of the plant: climb under a balloon, inflation of the wings, release, glide home, landing.
 
-What it decides: where the aircraft is and how the air rocks it, as a function of the time since take-off and of nothing
-else, so that any number of processes with one origin agree, and one that was restarted finds itself where the others
-are. The price: the path is a script, and no actuator bends it. The surfaces do answer: they add to the attitude given
-here (devices.py), so the loops of the aircraft are closed in attitude, and open in place.
+The position of the aircraft, and its motion in turbulence, depend only on the time since take-off. So any number of
+processes with one origin agree, and a restarted process agrees with the others at once. The price is that no actuator
+changes the path. Surfaces do add to the attitude given here (devices.py): the loops of the aircraft are closed in
+attitude, but open in position.
 
-Time is compressed, space is not: two hours of flight pass in four minutes, and the vertical speeds are far beyond what
-a glider does. Everything the sensors say is consistent all the same: pressure with altitude, angular rates with the
-attitude's change, accelerations with the attitude. Angles are small and the flight is quasi-steady: body rates are
-taken as the rates of pitch and roll, and an accelerometer feels gravity alone.
+Time is compressed, space is not: two hours of flight take four minutes, with vertical speeds far beyond those of a
+glider. The sensors are consistent all the same: pressure with altitude, angular rates with the change of attitude,
+accelerations with attitude. Angles are small and the flight is quasi-steady: body rates are taken as the rates of pitch
+and roll, and an accelerometer feels gravity alone.
 
     seconds   0      5        65          93..95        103      215      235     240
               field  ascent   17.8 km     line is cut   glide    landing  flare   stands
@@ -33,11 +33,11 @@ GLIDE_S = 103.0
 TOUCHDOWN_S = 235.0
 
 _M_PER_DEG_LONGITUDE = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
-_STEP_S = 0.005  # for rates: half the distance of the two points whose difference is taken
+_STEP_S = 0.005  # half the distance of the two points from which a rate is computed
 
 
 class _Curve:
-    """Points (time in s, value) joined by half waves of a cosine: smooth, and level at every point."""
+    """A curve through points (time in s, value), joined by half waves of a cosine: smooth, and level at each point."""
 
     __slots__ = ("_times_s", "_values")
 
@@ -88,38 +88,38 @@ _PITCH_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0)
 _ROLL_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0))
 _PITCH_SWAY_RAD_PER_S = math.tau / 7.0
 _ROLL_SWAY_RAD_PER_S = math.tau / 11.0
-# What the valve is expected to have done, for a plant that has not seen it move: the wings of a process restarted in
-# flight are as full as those of the others.
+# The expected movement of the valve, for a plant that has not seen the valve move: so the wings in a process restarted
+# in flight are as full as those in the other processes.
 _WING_PRESSURE_HPA = _Curve((70.0, 0.0), (80.0, 500.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The aircraft at one time, with its surfaces at rest; each value is computed when it is first read.
+    """The aircraft at one time, with its surfaces at neutral; each value is computed when it is first read.
 
-    Angles in degrees: pitch nose up, roll to the right, track from north clockwise.
+    Angles in degrees: pitch nose up, roll to the right, track clockwise from north.
     """
 
     time_s: float
 
     @property
     def altitude_m(self) -> float:
-        """Height above the sea."""
+        """Height above sea level."""
         return _ALTITUDE_M.at(self.time_s)
 
     @property
     def latitude_deg(self) -> float:
-        """North."""
+        """Latitude, north positive."""
         return HOME_LATITUDE_DEG + _NORTH_M.at(self.time_s) / M_PER_DEG_LATITUDE
 
     @property
     def longitude_deg(self) -> float:
-        """East."""
+        """Longitude, east positive."""
         return HOME_LONGITUDE_DEG + _EAST_M.at(self.time_s) / _M_PER_DEG_LONGITUDE
 
     @property
     def track_deg(self) -> float:
-        """Where it flies to."""
+        """Direction of flight over ground, clockwise from north."""
         return _track_deg(self.time_s)
 
     @property
@@ -149,12 +149,12 @@ class Moment:
 
 
 def moment(time_ns: int) -> Moment:
-    """Where the script is, this many nanoseconds after take-off; before it the aircraft stands on the field."""
+    """Give the aircraft of the script at a time (ns after take-off); before take-off it stands on the field."""
     return Moment(max(time_ns, 0) / NS_PER_S)
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """What the wings hold at this time if no movement of their valve has been seen."""
+    """Give the pressure in the wings at this time, for a plant that has seen no movement of their valve."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

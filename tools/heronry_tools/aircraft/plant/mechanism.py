@@ -1,9 +1,9 @@
-"""What actuators move: one value with inertia, pushed by whichever actuator was driven last.
+"""The mechanism that actuators move: one value with inertia, pushed by the actuator that was driven last.
 
-Two servos on one surface share one mechanism, and the one that was driven last holds it: a servo that has failed
-slips its clutch and leaves the surface where it is until the other one takes it. States: where it was when it was last
-pushed, and where to. A position not yet pushed rests at its initial value, so a process that was restarted agrees with
-the others as soon as it has heard one push and a few time constants have passed.
+Two servos on one surface share one mechanism, and the servo that was driven last holds it: a failed servo slips its
+clutch, and the surface stays where it is until the other servo takes it. The state is the position at the last push,
+and its target. A mechanism that was not yet pushed is at its initial position. So a restarted process agrees with the
+others after it has heard one push, and after a few time constants.
 """
 
 import math
@@ -23,18 +23,18 @@ class Mechanism:
     _pushed_ns: int | None = None
 
     def push(self, target: float, now_ns: int, resting: float) -> None:
-        """Move towards a target from where it is now; `resting` is where it is if it has not been pushed yet."""
+        """Move towards `target` from the present position; `resting` is the position before the first push."""
         self._from = self.position(now_ns, resting)
         self._target, self._pushed_ns = target, now_ns
 
     def rate_per_s(self, now_ns: int, resting: float) -> float:
-        """How fast it is moving."""
+        """Give the present rate of motion; `resting` is the position before the first push."""
         if self._pushed_ns is None:
             return 0.0
         return (self._target - self.position(now_ns, resting)) / self._lag_s()
 
     def position(self, now_ns: int, resting: float) -> float:
-        """Where it is; `resting` if it has not been pushed yet."""
+        """Give the present position; `resting` is the position before the first push."""
         if self._pushed_ns is None:
             return resting
         elapsed_s = max(now_ns - self._pushed_ns, 0) / NS_PER_S

@@ -1,20 +1,17 @@
-"""The plant as one PE's simulated devices see it: read a sensor, move an actuator, hear that another one moved.
+"""The plant: the physical world that the simulated devices of one process read and move.
 
-What it decides: what a device answers at a time. Most of the world is a script that depends on the time since the
-origin alone (flight.py); what depends on actuators is a handful of mechanisms (the surfaces, the airframe that follows
-them, the wings' gas).
+Most of the world is a script that depends only on the time since the origin (flight.py). A few mechanisms depend on
+actuators: the surfaces, the airframe that follows them, the gas in the wings.
 
-There is one `Plant` per process, and they share nothing but the origin, on one monotonic clock. A plant learns of an
-actuator that its own PE moved by `write`, and of one elsewhere by `heard`, from an echo on the bus:
+Each process has one `Plant`. The plants share only the origin, on one monotonic clock. A plant learns of an actuator of
+its own PE by `write`, and of an actuator elsewhere by `heard`, from an output echo on the bus:
 
-- an echo lost or late: a mechanism lags here until the next one; actuators are driven every period, so soon;
-- an echo doubled: it pushes to the same place, and nothing changes;
-- a restart: the script is where it should be immediately, a mechanism after the first echo and a few tenths of a
-second.
+- a lost or late echo: the mechanism lags here until the next echo; actuators are driven every period, so that is soon;
+- a doubled echo: it pushes to the same position, so nothing changes;
+- a restart: the script is right immediately, a mechanism after the first echo and a few tenths of a second.
 
-States: healthy, or failed on command, for each device. A failure is known to this plant alone: fail the device at the
-PE to which it is bolted. A failed actuator is not echoed (`write` returns None), so that no plant elsewhere takes it as
-moved.
+Each device is healthy or was made to fail. Only this plant knows of a failure: fail a device at the PE to which it is
+connected. A failed actuator is not echoed (`write` returns None), so no other plant takes it as moved.
 """
 
 from collections.abc import Iterable
@@ -46,7 +43,7 @@ class _Fault:
 
 
 class Plant:
-    """The world since `origin_ns`, as seen and touched by the devices of one process."""
+    """The world since `origin_ns`, as the devices of one process read and move it."""
 
     def __init__(self, origin_ns: int) -> None:
         self._origin_ns = origin_ns
@@ -61,11 +58,11 @@ class Plant:
         }
 
     def open(self, name: str) -> "PlantDevice":
-        """Give a device as an agent knows it."""
+        """Give the device driver's object for a device."""
         return PlantDevice(self, name)
 
     def read(self, device: str, now_ns: int) -> Value | None:
-        """What a device reads now, None when it does not answer; an actuator gives its last command."""
+        """Give the present reading of a device; None if it does not answer. An actuator gives its last command."""
         fault = self._faults.get(device)
         if fault is None:
             return self._healthy_reading(device, now_ns)
@@ -78,7 +75,7 @@ class Plant:
                 return _shifted(self._healthy_reading(device, now_ns), fault.offset)
 
     def write(self, device: str, value: Value, now_ns: int) -> Value | None:
-        """Move an actuator of this PE; give where it really went, to be echoed, or None when it did not move."""
+        """Move an actuator of this PE; give the position that it takes, for the echo, or None if it does not move."""
         fault = self._faults.get(device)
         if fault is not None:
             if fault.how != "bias":
@@ -88,30 +85,30 @@ class Plant:
         return value
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Note that an actuator moved, here or on another PE; one that has failed here did not."""
+        """Note that an actuator was moved, here or on another PE; an actuator that has failed here does not move."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
 
     @staticmethod
     def follows(sensors: Iterable[str]) -> frozenset[str]:
-        """Actuators elsewhere that a world with these sensors has to hear of."""
+        """Give the actuators on other PEs whose echoes a plant with these sensors needs."""
         felt = {mechanism for sensor in sensors for mechanism in felt_by(sensor)}
         return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 
     def position(self, device: str) -> Value | None:
-        """The last command of an actuator, by `write` or `heard`; None if there was none."""
+        """Give the last command of an actuator, by `write` or `heard`; None if there was none."""
         return self._positions.get(device)
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: silent, frozen at what it says now, or off by `offset` (in the device's own unit).
+        """Make a device fail: silent, stuck at its present reading, or wrong by `offset` (in the device's own unit).
 
-        A dead or stuck actuator no longer moves anything; a biased one goes to the wrong place.
+        A dead or stuck actuator no longer moves anything; a biased one moves to a wrong position.
         """
         self._faults[device] = _Fault(how, self.read(device, now_ns), offset)
 
     def heal(self, device: str) -> None:
-        """End a device's failure; does nothing to a healthy one."""
+        """End a device's failure; no effect on a healthy device."""
         self._faults.pop(device, None)
 
     def _healthy_reading(self, device: str, now_ns: int) -> Value:
@@ -135,7 +132,7 @@ class Plant:
     def _move(self, device: str, value: Value, now_ns: int) -> None:
         for name in PUSHED_BY.get(device, ()):
             if not isinstance(value, (int, float)):
-                raise TypeError(f"{device} moves by a number, not by {value!r}")
+                raise TypeError(f"{device} needs a number as its command, not {value!r}")
             target = WING_SUPPLY_HPA * value if name == "wing" else float(value)
             self._mechanisms[name].push(target, now_ns, self._resting(name, now_ns))
         self._positions[device] = value
@@ -148,7 +145,7 @@ class PlantDevice:
         self._plant, self._name = plant, name
 
     def read(self, now_ns: int) -> Reading:
-        """What the device says now."""
+        """Give the present reading."""
         value = self._plant.read(self._name, now_ns)
         return Reading(value, now_ns, value is not None)
 
@@ -157,11 +154,11 @@ class PlantDevice:
         return self._plant.write(self._name, value, now_ns)
 
     def make_safe(self, now_ns: int) -> None:
-        """Nothing: what this plant's actuators do without a command is to stay where they are."""
+        """Do nothing: without a command an actuator of this plant stays where it is."""
 
 
 def _shifted(value: Value, offset: float) -> Value:
-    """Add an offset to a number, or to every number of a tuple; integers stay integers, texts stay as they are."""
+    """Add an offset to a number, or to each number of a tuple; an integer stays an integer, a text is not changed."""
     match value:
         case bool() | str() | bytes():
             return value

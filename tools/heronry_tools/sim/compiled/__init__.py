@@ -1,1 +1,1 @@
-"""The simulator as machine code, for campaigns."""
+"""Compiles the simulator to machine code, for campaigns."""

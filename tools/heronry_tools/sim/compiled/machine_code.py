@@ -1,17 +1,16 @@
-"""The simulator as machine code, for campaigns: what `heronry sim --compiled` flies.
+"""The simulator as machine code, which `heronry sim --compiled` flies: three to five times as fast, with equal frames.
 
-A campaign of thousands of flights needs speed, and its cores must be those that fly. mypyc, which comes with mypy,
-turns typed Python into C: one source, the same frames bit for bit, and a third of the time. What is compiled is a copy
-of all packages, in the user's cache; Python takes the compiled form of a module where it stands beside its source.
-No part that flies knows of it.
+A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
+translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
+form of a module if it stands beside the module's source. No compiled module knows that it is compiled.
 
-A copy is named by the digest of its sources, specs, Python and mypy: changed sources give another copy, so nothing
-stale is ever flown. It is made under another name and renamed in one step, by one process at a time: a copy that is
-there is complete. A copy that was not used for a month is deleted.
+The folder of a copy is named by the digest of sources, specs, Python and mypy, so changed sources give another copy,
+and no stale copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
+copy that was not used for a month is deleted.
 
 Compiled code differs from Python where a type is less exact than the value: a tuple of fixed length has no identity, a
-member of an IntEnum that may be any int is one, an int that is passed on as a float becomes a float. So `proof_flights`
-are flown in both forms, and must give the same frames; else the copy is not kept.
+member of an IntEnum that may be any int is an int, an int passed as a float becomes a float. So `proof_flights` are
+flown in both forms, and must give the same frames; else the copy is not kept.
 """
 
 import fcntl
@@ -39,7 +38,7 @@ from heronry_tools.sim.compiled.native_classes import with_native_classes
 from heronry_tools.sim.world import clock
 
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
-# What a flight spends its time in; what is called seldom stays Python, where a traceback tells more.
+# Modules in which a flight spends its time; others stay Python, whose tracebacks say more.
 _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
     "identifiers layout management packing protocol_times sansio state_frames timing",
@@ -65,15 +64,15 @@ _COMPILED = {
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
     "plant_view simulated_manager simulated_pe station steps_seen",
 }
-# Values that are made for every frame or step, and that hold only values; no code unpacks the named tuples.
+# Classes created for every frame or step that hold only values; no code unpacks those that are named tuples.
 _MADE_OFTEN = frozenset(
     [
         *("Datum", "Drive", "Driven", "Facts", "Frame", "Left", "Output", "Received", "Result", "Send", "Sent"),
         *("StatePage0", "StepModule", "Stepped", "Tick"),
     ]
 )
-_DERIVED_FROM = frozenset(("Module",))  # by the modules of an aircraft
-# Types of our own packages are what counts; those of others would take most of the time.
+_DERIVED_FROM = frozenset(("Module",))  # base classes of an aircraft's modules
+# Only the packages of heronry are type-checked; other packages would take most of the time.
 _TYPE_SETTINGS = """\
 [mypy]
 mypy_path = $MYPY_CONFIG_FILE_DIR
@@ -81,33 +80,33 @@ ignore_missing_imports = true
 [mypy-can.*,canopen.*,cantools.*,cryptography.*,distributed.*,highspy.*,ortools.*,pydantic.*,rich.*,yaml.*]
 follow_imports = skip
 """
-# One library, whose calls within itself go straight there. More optimisation is hardly faster. To look for misleading
-# indentation, gcc reads the file (90 MB) again from its beginning, again and again: minutes.
+# Hidden symbols make calls within the library direct. More optimisation is hardly faster. The check for misleading
+# indentation would make gcc read the file (90 MB) again and again, for minutes.
 _COMPILER = {
     "MYPYC_OPT_LEVEL": "1",
     "MYPYC_DEBUG_LEVEL": "0",
     "CFLAGS": "-fvisibility=hidden -Wno-misleading-indentation",
 }
-_TOLD = 2000  # characters of the end of a compiler's output
+_TOLD = 2000  # characters at the end of a compiler's output that are shown
 _KEPT_S = 30 * 86_400
 _NOTE = "compiling the simulator, once for these sources: this takes a minute or two"
 
 
 def is_compiled() -> bool:
-    """Tell whether this process flies the compiled form."""
+    """Tell whether this process runs the compiled form."""
     return not str(clock.__file__).endswith(".py")
 
 
 def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
-    """Replace this process by one that runs the same command with the compiled form; does nothing if it runs already.
+    """Replace this process by one that runs the same command in the compiled form; no effect if this one does so.
 
-    Makes that form where it is not there yet. Raises UserError where that cannot be done.
+    Makes the compiled form first if there is none. Raises UserError if that is not possible.
     """
     if is_compiled():
         return
     folder = compiled_folder()
     if str(folder) in sys.path:
-        raise UserError(f"other sources of heronry come before {folder} on Python's path: unset PYTHONPATH")
+        raise UserError(f"Python finds other sources of heronry before those in {folder}: unset PYTHONPATH")
     if not folder.is_dir():
         print(_NOTE, file=sys.stderr)
         make(folder)
@@ -117,41 +116,41 @@ def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -
 
 
 def compiled_folder() -> Path:
-    """Where the compiled form of these sources is, or would be; raises UserError without a mypy to make it."""
+    """Give the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
     try:
         maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
     except PackageNotFoundError:
-        raise UserError('mypy is needed to compile, and not installed: pip install "heronry[dev]"') from None
+        raise UserError('--compiled needs mypy, which is not installed: pip install "heronry[dev]"') from None
     return user_cache("compiled") / digest_of(maker, sorted(_copied()))
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Environment of a process that is to run the packages of a folder."""
+    """Give the environment of a process that runs the packages in a folder."""
     path = filter(None, (str(folder), os.environ.get("PYTHONPATH")))
     return os.environ | {"PYTHONPATH": os.pathsep.join(path)}
 
 
 def make(folder: Path) -> None:
-    """Compile into a folder that is not there, and prove that it flies as Python does; raises UserError."""
+    """Compile into a new folder, and prove by flights that the result flies as Python does; raises UserError."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with (folder.parent / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if not folder.is_dir():  # else another process has made it while this one waited
+            if not folder.is_dir():  # otherwise another process has made it while this one waited
                 _make(folder.parent / "staging", folder)
     except OSError as error:
         problem = f"{folder.parent} cannot be written ({error.strerror})"
-        raise UserError(f"{problem}: set XDG_CACHE_HOME to a folder of yours") from error
+        raise UserError(f"{problem}: set XDG_CACHE_HOME to a folder that you can write") from error
 
 
 def _make(staging: Path, folder: Path) -> None:
     try:
         compile_into(staging)
         if compiled_folder().name != folder.name:
-            raise UserError("the sources have changed while they were compiled: start again")
+            raise UserError("heronry's sources changed while they were compiled: start the command again")
         flights = ("-P", "-m", "heronry_tools.sim.compiled.proof_flights")
         if _run("flying in Python", flights, None) != _run("flying compiled", flights, staging):
-            raise UserError("the compiled flights give other frames than those in Python: report this, fly in Python")
+            raise UserError("compiled flights give other frames than Python: report this, and fly without --compiled")
         staging.rename(folder)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -159,17 +158,17 @@ def _make(staging: Path, folder: Path) -> None:
 
 
 def forget_old(cache: Path, now_s: float) -> None:
-    """Delete the copies that were not used for a month."""
+    """Delete the copies in `cache` that were not used for a month."""
     for folder in cache.iterdir():
         if folder.is_dir() and now_s - folder.stat().st_mtime > _KEPT_S:
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
-    """Make a copy of all packages, with these files compiled or all of `sources`; raises UserError."""
+    """Copy all packages to `folder`, and compile `files` there, by default all of `sources`; raises UserError."""
     compiler = (os.environ.get("CC") or "cc").split()[0]
     if shutil.which(compiler) is None:
-        raise UserError(f"there is no C compiler {compiler} here: install one (Debian: apt install gcc libc6-dev)")
+        raise UserError(f"the C compiler {compiler} is not found: install one (Debian: apt install gcc libc6-dev)")
     shutil.rmtree(folder, ignore_errors=True)
     for name, file in _copied():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -185,14 +184,14 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
 
 
 def sources() -> Iterator[Path]:
-    """Files that are compiled, from the folder that holds the packages."""
+    """Give the files to compile, relative to the folder that holds the packages."""
     for package, modules in _COMPILED.items():
         for module in modules.split():
             yield Path(*package.split("."), f"{module}.py")
 
 
 def _copied() -> Iterator[tuple[str, Path]]:
-    """Every file of the packages, by its name in the copy; the shipped specs among them, as in a wheel."""
+    """Give each file of the packages with its name in the copy; shipped specs lie where a wheel has them."""
     for package in _PACKAGES:
         root = Path(package.__path__[0])
         for file in root.rglob("*"):
@@ -205,7 +204,7 @@ def _copied() -> Iterator[tuple[str, Path]]:
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
-    """Run Python with the packages of a folder, or with those of this process; raises UserError if it fails."""
+    """Run Python with the packages in a folder, or with those of this process; raises UserError if it fails."""
     own = os.environ if folder is None else environment(folder) | _COMPILER
     command, pipe = (sys.executable, *words), subprocess.PIPE
     with subprocess.Popen(command, cwd=folder, env=own, stdout=pipe, stderr=pipe, text=True) as process:
@@ -220,7 +219,7 @@ def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
 
 
 def _watched(what: str, process: "subprocess.Popen[str]") -> tuple[str, str]:
-    """Wait for the end of a process; a terminal shows how long it has taken so far."""
+    """Wait for the end of a process; on a terminal, show the time that it has taken so far."""
     began_s = time.monotonic()
     while True:
         try:

@@ -1,8 +1,8 @@
-"""A module rewritten for mypyc: classes with constructors that can be compiled, and constants that are constant.
+"""Rewrites a module for mypyc: constructors that can be compiled, and constants that are declared constant.
 
-mypyc makes a native class of a dataclass, but what `dataclass` generates stays Python: a frozen one takes a microsecond
-to make, compiled or not, and a named tuple half of that. A flight makes ten of them for each frame. A constructor that
-is written in the class is compiled with it, so the copy that is compiled gets one:
+mypyc makes a native class of a dataclass, but the methods that `dataclass` generates stay Python: creating a frozen one
+takes a microsecond, compiled or not, and creating a named tuple half of that. A flight creates ten for each frame. A
+constructor written in the class is compiled with it, so the copy that is compiled gets one:
 
     @dataclass(frozen=True, slots=True)         @dataclass(unsafe_hash=True, init=False)
     class Tag:                                  class Tag:
@@ -10,18 +10,18 @@ is written in the class is compiled with it, so the copy that is compiled gets o
         kind: int = 0                               kind: int = 0
                                                     def __init__(self, number: int, kind: int = 0) -> None: ...
 
-A named tuple becomes such a class where that is requested. It can then no longer be unpacked or indexed; where code
-does, mypy refuses the copy, which it sees first. Equality, hash, `repr` and matching are still those of a dataclass.
-That no code changes a frozen value has been checked in the source.
+A named tuple becomes such a class if the caller requests it. It can then no longer be unpacked or indexed; mypy, which
+checks the copy first, refuses code that does so. Equality, hash, `repr` and matching are those of a dataclass. The copy
+need not enforce that frozen values stay unchanged: mypy has checked that in the source.
 
-A class that is made often is also declared acyclic, since a value that never changes and holds values cannot lead back
-to itself: the garbage collector need not know of it. And the object that was freed last is used for the next one.
+A class that is created often is also declared acyclic: an unchanging value that holds only such values cannot refer to
+itself, so the garbage collector need not track it. Its last freed object is used again for the next one.
 
-A name in capitals to which a module assigns once is `Final`: mypyc looks up all others by name, each time.
+A name in capitals that a module assigns once is declared `Final`: mypyc looks up any other name at each use.
 
-A class that others may derive from, in Python, is declared so to mypyc; so is an error, which stays Python.
+A class from which Python classes may derive is declared as such to mypyc; so is an exception, which stays Python.
 
-A class with bases, or with a constructor of its own, is not supported here and stays as it is.
+A class with bases, or with a constructor in its source, is not supported and stays as it is.
 """
 
 import ast
@@ -40,7 +40,7 @@ _REPLACE = """
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """`default` is an expression, `factory` one that makes it; `is_given`: the caller of the constructor gives it."""
+    """A field; `default` and `factory` are source text; `is_given`: it is a parameter of the constructor."""
 
     name: str
     kind: str
@@ -63,9 +63,9 @@ class _Field:
 
 
 def with_native_classes(source: str, often: Collection[str] = (), bases: Collection[str] = ()) -> str:
-    """Give the source of a module with constructors in its dataclasses, and in the named tuples that are made `often`.
+    """Give a module's source with constructors in its dataclasses, and in its named tuples listed in `often`.
 
-    bases: classes that others may derive from.
+    often: classes created often. bases: classes from which others may derive.
     """
     lines = source.splitlines()
     for node in reversed(ast.parse(source).body):
@@ -84,7 +84,7 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
     target = node.targets[0] if isinstance(node, ast.Assign) else node.target
     if not isinstance(target, ast.Name) or not _CONSTANT.fullmatch(target.id) or node.value is None:
         return
-    if isinstance(node.value, ast.Tuple):  # mypyc takes a Final tuple of numbers for one that was never set
+    if isinstance(node.value, ast.Tuple):  # mypyc wrongly reads a Final tuple of numbers as never set
         return
     line, kind = lines[node.lineno - 1], "_typing.Final"
     if isinstance(node, ast.AnnAssign):
@@ -98,7 +98,7 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
 
 
 def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> None:
-    """Rewrite a class, its end first: the lines before it keep their numbers."""
+    """Rewrite a class from its end to its begin, so that earlier lines keep their numbers."""
     is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in often
     words = {"unsafe_hash": "True"} if is_tuple else _words(node)
     fields = None if words is None else _fields(node)
@@ -115,12 +115,12 @@ def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> No
 
 
 def _first(node: ast.ClassDef) -> int:
-    """First line of a class, with its decorators."""
+    """Give the index of the first line of a class, decorators included."""
     return min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
 
 
 def _words(node: ast.ClassDef) -> dict[str, str] | None:
-    """Arguments for the decorator of a dataclass; None for any other class, and for one with a constructor."""
+    """Give the arguments of a dataclass's decorator; None for any other class, or for one with a constructor."""
     if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
         return None
     decorator = node.decorator_list[0]
@@ -139,7 +139,7 @@ def _methods(node: ast.ClassDef) -> set[str]:
 
 
 def _fields(node: ast.ClassDef) -> list[_Field] | None:
-    """Fields of a dataclass; None where one is not supported."""
+    """Give the fields of a dataclass; None if one is not supported."""
     fields = []
     for one in node.body:
         if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):
@@ -153,14 +153,14 @@ def _fields(node: ast.ClassDef) -> list[_Field] | None:
 
 
 def _field(name: str, kind: str, value: ast.expr | None) -> _Field | None:
-    if isinstance(value, ast.Dict | ast.List | ast.Set):  # a named tuple may have such a default, a dataclass may not
+    if isinstance(value, ast.Dict | ast.List | ast.Set):  # a dataclass may not have such a default
         return None
     if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name) or value.func.id != "field":
         return _Field(name, kind, None if value is None else ast.unparse(value))
     said = {str(keyword.arg): ast.unparse(keyword.value) for keyword in value.keywords}
     is_given = said.pop("init", "True") == "True"
     default, factory = said.pop("default", None), said.pop("default_factory", None)
-    if "None" in kind and factory is not None:  # then None may be a value
+    if "None" in kind and factory is not None:  # None may then be a value, and cannot stand for "not given"
         return None
     for harmless in ("repr", "compare", "hash"):
         said.pop(harmless, None)

@@ -1,17 +1,17 @@
-"""The option --compiled of the commands that fly often."""
+"""The option --compiled of commands that fly many flights."""
 
 import argparse
 
 
 def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --compiled to the parser of a command that flies often."""
+    """Add --compiled to a parser."""
     parser.add_argument(
-        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast, made once"
+        "--compiled", action="store_true", help="fly machine code of the same source, compiled once: four times as fast"
     )
 
 
 def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
-    """Go on in another process where --compiled is given."""
+    """Continue in another process if --compiled is given; does not return then."""
     if arguments.compiled:
         from heronry_tools.sim.compiled.machine_code import go_on_compiled  # noqa: PLC0415 - slow to import
 

@@ -1,7 +1,7 @@
-"""Flights that a compiled simulator must fly just as Python does: every spec that comes with the package, with faults.
+"""Flights of every shipped spec, with faults, which must give equal frames in Python and compiled.
 
-Prints one line a flight: spec, seed, number of frames, their digest, the violations. Faults of every kind are among
-them, since each seed draws its own; so are buses that lose frames, two managers, and a key.
+Prints one line per flight: spec, seed, number of frames, their digest, the violations. The seeds together draw faults
+of every kind, buses that lose frames, two managers, and a key.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ _LOSS = 0.001
 
 
 def main() -> None:
-    """Fly, and print a line for each flight."""
+    """Fly all proof flights, and print a line for each."""
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):

@@ -1,1 +1,1 @@
-"""The faults that a flight can have: their notation, how a seed draws them, and an attacker that forges frames."""
+"""The faults of a flight: how they are written, how a seed draws them, and an attacker that forges frames."""

@@ -1,4 +1,4 @@
-"""How long a flight may last and how bad its buses may be, for an option as for a scenario file.
+"""Limits for options and scenario files: the longest flight, and the largest share of destroyed frames.
 
 No user waits for a flight of more than a day. A bus on which more than half of all frames are destroyed carries too
 little for any finding.
@@ -11,7 +11,7 @@ _WORST_SHARE = 0.5
 
 
 def read_share(text: str) -> float | None:
-    """Read the share of frames that are destroyed; None where the text is no share, or more than a bus survives."""
+    """Read a share of destroyed frames; None where the text is not a share from 0 to the largest one allowed."""
     try:
         share = float(text)
     except ValueError:
@@ -20,5 +20,5 @@ def read_share(text: str) -> float | None:
 
 
 def written_share(share: float) -> str:
-    """Write a share in decimals, to the last digit: a flight with another share is another flight."""
+    """Write a share in decimals with all its digits, so that the text gives exactly the same flight again."""
     return f"{Decimal(repr(share)):f}"

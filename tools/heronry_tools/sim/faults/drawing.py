@@ -1,24 +1,22 @@
-"""Faults drawn from a seed: swarm testing, aimed at the states of the protocol that are hard to hit.
+"""Draws the faults of a flight from a seed: swarm testing, aimed at protocol states that are hard to hit.
 
-A run does not draw from all kinds of faults alike: each seed first draws which kinds there are at all, about half of
-them, and how often each comes. So some runs are all restarts and others all noise, and what one kind would hide another
-run shows.
+A seed first draws the kinds of faults of its flight, about half of all kinds, and how often each occurs. So one flight
+may have only restarts and another only noise, and no kind always hides the effect of another.
 
-Most faults wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two of
-them for seconds. How often each state is drawn (`_AIM`) makes up for how seldom it is hit: the shorter it lasts, the
-more; idle is hit by every fault that waits for no state. These numbers were read off the tables of campaigns
-(`campaign.Coverage`) and are the same for every seed, so that a seed flies alone as it did in its campaign.
+Most faults wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two
+for seconds. A state that lasts shorter is drawn more often (`_AIM`); *idle* needs no such help, since every fault that
+waits for no state hits it. The weights come from the tables of campaigns (`campaign.Coverage`). They are the same for
+every seed, so that a seed alone flies as it did in its campaign.
 
-A fault that waits for any state but idle brings along what leads there: a PE is lost and comes back, so that the
-protocol goes through all of its states; it is a PE other than the fault's target, or the target would be lost already.
-Where a mastership must end (`orphaned`) the active manager is lost. Where something exclusive must be given up
-(`activating`) both are lost: a PE is cut off, and when it is lost the mastership ends; the next manager finds the PE in
-an epoch that it does not know, and with whatever that epoch may have given it. Where a DEMUX can be driven from several
-PEs, the loss of one does as well.
+For a fault that waits for a state other than idle, further faults are drawn that lead there: a PE other than the target
+is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost, which ends
+the mastership. For `activating` something exclusive must be given up, so a PE is cut off, and when it counts as lost
+the mastership ends: the next manager finds the PE in an epoch that it does not know, with what that epoch gave the PE.
+Where several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
-Where there are two managers, faults are injected into them more often than into anything else, into one of the two or
-into the active one, and so are the faults that need two managers (`Kind.of_two`). There are more targets then, so there
-are more faults. What is drawn only in flights with a key is in the swarm of each of these, and comes more often.
+With two managers, faults are injected into managers more often than into anything else: into a given one of the two, or
+into the active one. The kinds that need two managers (`Kind.of_two`) are drawn then, too. So there are more targets and
+more faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in each of these, and more often than others.
 """
 
 from collections.abc import Sequence
@@ -44,26 +42,27 @@ _AIM = {
 }
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 2  # times as often as any other kind
-_LATCHED_MORE = 3  # since mostly there is nothing to clear
-_KEYED_MORE = 4  # since few flights have a key
+_LATCHED_MORE = 3  # times as often: mostly nothing is latched that could be cleared
+_KEYED_MORE = 4  # times as often: few flights have a key
 _END_OF_MASTERSHIP = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
 _LEADS = (*_SILENCES, ("reboot", (1, 60)))  # a reboot is over before the manager misses the PE
-_LEADS_APART_MS = 1200  # before a second loss, where the first has not led to the state
-_BY_DEMUX = 0.7  # share of what leads to "activating" by a DEMUX, where the spec has one
+_LEADS_APART_MS = 1200  # from the first loss to a second one, drawn in case the first does not lead to the state
+_BY_DEMUX = 0.7  # share of the leads to "activating" that use a DEMUX, where the spec has one
 _LOST_AFTER_MS = 200  # a PE that is cut off is lost by then
 _CUT_ACROSS_MASTERSHIPS_MS = (300, 900)
 _BETWEEN_MASTERSHIPS_MS = (100, 300)
-_MANAGERS_ALONE = 0.05  # of the seeds: the silence of managers must not stop any PE
-_LAST = 0.9  # of the flight: a fault that is injected later would be ended at once
+_MANAGERS_ALONE = 0.05  # share of the seeds with faults of managers only, for the oracle `silence`
+_LAST = 0.9  # share of the flight in which faults are injected; a later one would be ended at once
 
 
 def drawn_faults(
     spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
 ) -> tuple[Fault, ...]:
-    """Draw the faults of a seed, of the given kinds or of kinds that the seed draws; times are in whole milliseconds.
+    """Draw the faults of a seed; times are in whole milliseconds.
 
-    of_two: there are two managers. keyed: they and the PEs have a key.
+    kinds: the kinds to draw from; by default the seed draws these, too. of_two: there are two managers. keyed: managers
+    and PEs have a key.
     """
     random = Random(f"acts of {seed}")
     there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
@@ -92,7 +91,7 @@ def drawn_faults(
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
-    """Kinds of faults that may be drawn, with the targets of each."""
+    """Give the kinds of faults that may be drawn, each with its targets."""
     there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
@@ -116,13 +115,13 @@ def _is_for_keyed(name: str, *, of_two: bool) -> bool:
 
 
 def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
-    """Draw a fault that leaves the PEs without a manager, until the other one takes over or this one is back."""
+    """Draw a fault of the active manager that ends the mastership."""
     kind, lasts_ms = random.choice([end for end in _END_OF_MASTERSHIP if of_two or KINDS[end[0]].drawn])
     return Fault(at_ms, kind, MANAGER, random.randint(*lasts_ms))
 
 
 def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
-    """Draw losses, and returns, that lead the protocol through its states while a fault waits for one of them."""
+    """Draw losses and returns of PEs that lead the protocol to the state for which a fault waits."""
     others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
     if fault.during != "activating":
         return [_loss(random, fault.at_ms, others, _SILENCES if fault.during == "suspect" else _LEADS)]
@@ -137,13 +136,13 @@ def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
 
 
 def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
-    """Draw which of these PEs is lost, and how."""
+    """Draw the loss of one of these PEs: which one, and by which fault."""
     kind, lasts_ms = random.choice(leads)
     return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
 
 
 def _rivals(spec: Spec) -> set[str]:
-    """PEs of DEMUXes that can be driven from several PEs."""
+    """Give the PEs of each DEMUX that several PEs can drive."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
         devices = (spec.modules[branch].device for branch in demux.branches)

@@ -1,50 +1,50 @@
-"""The kinds of faults of an aircraft, and one fault: one line of a scenario.
+"""The kinds of faults that can be injected, and `Fault`: one injected fault, one line of a scenario.
 
-Every kind says what it is injected into, how long it may last (in milliseconds; 0 is "for good"), and what cannot be
-promised while it is present. As text a fault is
+`KINDS` gives, for each kind, its possible targets, its duration in milliseconds (0: it does not end), and the oracle
+rules that cannot be promised while it is present. As text a fault is
 
     SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]     2.013 pause pe:nav for 0.3 in preparing
 
-counted from the moment at which the first configuration runs; a fault with a state waits, for a while, until the
-protocol is in it (`protocol_state`).
+SECONDS count from the moment at which the first configuration runs. A fault with a state waits, up to `WAITS_MS`, until
+the protocol is in that state (`protocol_state`).
 
-What is not promised, and why:
+What cannot be promised, and why:
 
-- `corrupt`, `wrong` and `bias`: the data plane is not authenticated, and a module that reads a wrong number may take a
-  healthy element for a failed one (blame). Data command no node, so everything else holds; but of data that were
-  changed on their way no oracle can say that they were ever sent (foreign).
-- `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
-  forged command is a command: nothing holds until the fault is over, and then everything has to come right again. It
-  does, unless a term was made far higher than all others: PEs accept commands of no other manager then for a long time.
-  So without a key no seed draws it. With a key everything is promised.
-- `attack` is injected only in flights with a key, and everything is promised there, except that on a replicated bus a
-  frame is received once: a frame that is repeated to the bit, on the other channel, is a copy.
-- `babble`: a node whose identifier wins every arbitration takes the bus. No function is served then; but no PE drives
-  what is exclusive either, since no node is heard, and that is promised.
-- `rogue`: a foreign node that sends under an identifier of the aircraft collides with its owner, down to bus-off. The
-  clash with it is no violation; the rest is promised.
-- `twin`: a second node under a PE's node-ID. The manager takes it for that PE, which has started anew; the PE itself
-  gives up what is exclusive as soon as it hears the other node. They destroy each other's frames, down to bus-off.
-- `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told which module drives
-  may take the idle actuator for a stuck one, and report it.
-- actuators do not fail by themselves here: whether a surface without a monitor moves, no node can know.
-- `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE for just so long that it loses some PEs
-  and not yet the others plans without them. (A manager that has lost all of them sends nothing.) For a manager whose
-  clock jumps ahead (`manager_clock_jump`) the PEs have been silent for just so long.
-- `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: no node can
-  tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
-- `manager_double`: two managers of one number send under one number, until one of them hears the other; where both open
-  an epoch of one number no PE can tell whose epoch it takes part in. Each may take numbers that the other one has used,
-  afterwards too: their journals are two. While a mastership begins it names PEs as it comes to know them; where the
-  clash puts the manager off the bus then, a PE that was not named yet withholds its output.
-- `disk_full`: a manager whose journal accepts no write may begin, after a restart, a term or an epoch a second time,
-  and with a key count its commands in that term a second time.
-- `order_fail`: the active manager plans without an element that is well, and so does the oracle. What is not driven for
-  that reason may be taken for stuck. The truth is what the operator tells the active manager.
+- `corrupt`, `wrong` and `bias`: the data plane is not authenticated, so a module that reads a wrong number may report a
+  healthy element (rule `blame`). Data command no node, so all else is promised; but no oracle can tell that altered
+  data were ever sent (`foreign`).
+- `forge` alters a management frame past its CRC (about one of 10^10 destroyed frames). Without a key a forged command
+  is a valid command, so nothing is promised until the fault is over. After that the aircraft must converge, unless a
+  forged term was far higher than all others: then PEs accept no other manager's commands for a long time. So no seed
+  draws `forge` without a key. With a key everything is promised.
+- `attack` is injected only in flights with a key, and everything is promised, with one exception: on a replicated bus a
+  frame that the attacker repeats exactly on the other channel is taken for a copy.
+- `babble`: a node whose identifier wins every arbitration takes the bus. No function is served; but since no node is
+  heard, no PE may drive anything exclusive, and that is promised.
+- `rogue`: a foreign node that sends under an identifier of the aircraft collides with its owner, down to bus-off. This
+  clash is no violation; everything else is promised.
+- `twin`: a second node has a PE's node-ID. The manager takes it for that PE after a restart. The PE gives up everything
+  exclusive as soon as it hears the other node. The two destroy each other's frames, down to bus-off.
+- `raise` and `unfit` stop a module, and it does not return. Where it drove an actuator, a monitor that does not know
+  which module drives may report the idle actuator as stuck.
+- Actuators do not fail by themselves here: without a monitor no node can know whether a surface moves.
+- `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears no PE loses some PEs before the others, and plans
+  without them. (A manager that has lost all PEs sends nothing.) With `manager_clock_jump` it is the same: all PEs seem
+  to have been silent for the time of the jump.
+- `bus_split`: each half continues with the managers that it has, and may drive anything exclusive, since no node can
+  tell a separated half from a dead one. After the repair they collide until the manager of the lower term has stopped.
+- `manager_double`: two managers with one node-ID send under one node-ID until one hears the other. Where both open an
+  epoch of one number, no PE can tell which manager's epoch it is. Each may use numbers that the other has used, also
+  later: they have two journals. At the start of a mastership ALIVE names only PEs that are known already; if the clash
+  puts the manager off the bus then, a PE that was not yet named withholds its output.
+- `disk_full`: a manager whose journal accepts no write may use, after a restart, a term or an epoch a second time; with
+  a key it may also use the numbers of its commands a second time.
+- `order_fail`: the active manager plans without a healthy element, and so does the oracle: an order of the operator is
+  the truth. An actuator that is idle for that reason may be reported as stuck.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from all nodes or from one PE. Everything is
   promised as long as every two nodes have a channel in common.
-- `stuck`: a PE whose modules hang while its heartbeat goes on is not served. The modules are ended and begin again, and
-  are given up if it lasts.
+- `stuck`: a PE's modules hang while its heartbeat goes on, so its functions are not served. The PE ends the modules and
+  starts them again, and gives them up if the fault lasts.
 """
 
 import re
@@ -57,11 +57,11 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_wire.frame import STANDARD_MASK
 
-MANAGER = "manager"  # the active one
-EVERYTHING = "everything"  # that is latched, or in quarantine
+MANAGER = "manager"  # the active manager
+EVERYTHING = "everything"  # every element that is latched, or in quarantine
 MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # node-ID; None: the active one
 WAITS_MS = 3_000
-"""For so long a fault waits for its state; then it is injected whatever the state."""
+"""Longest wait of a fault for its state, in ms; then it is injected whatever the state."""
 
 _TEXT = re.compile(
     r"(?P<at>\d{1,6}(\.\d{1,3})?) (?P<kind>[a-z_]+) (?P<target>[^ ]+)"
@@ -72,7 +72,7 @@ _TEXT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of fault."""
+    """A kind of fault, and what the drawing and the oracles must know of it."""
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
@@ -80,17 +80,17 @@ class Kind:
     )
     lasts_ms: tuple[int, int]
     description: str
-    for_good: float = 0.0  # how often it does not end
+    for_good: float = 0.0  # share of the drawn faults that do not end
     levels: tuple[int, ...] = (0,)
-    unpromised: frozenset[str] = frozenset()  # rules of the oracles
-    excuses: bool = False  # a module's report may be wrong in good faith
-    lasting: bool = False  # what is not promised is not promised afterwards either
-    promised_with_key: bool = False  # in a flight with a key all of it is promised
-    drawn: bool = True  # also where the user names no kinds
+    unpromised: frozenset[str] = frozenset()  # rules of the oracles that are waived while it is present
+    excuses: bool = False  # a module may report a healthy element because of it
+    lasting: bool = False  # the waiver has no end
+    promised_with_key: bool = False  # in a flight with a key no rule is waived
+    drawn: bool = True  # drawn where the user names no kinds
     of_two: bool = False  # drawn only where there are two managers
     of_keyed: bool = False  # drawn only in a flight with a key
-    needs_key: bool = False  # a flight in which it is injected has a key
-    is_order: bool = False  # of the operator, to the active manager
+    needs_key: bool = False  # managers and PEs must have a key
+    is_order: bool = False  # it is an order of the operator to the active manager
 
 
 _COMMANDED = frozenset(
@@ -103,18 +103,18 @@ _COMMANDED = frozenset(
 _NUMBERED = frozenset(("reign", "term", "digest", "journal"))
 
 KINDS: Mapping[str, Kind] = {
-    "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),
+    "crash": Kind("pe", (200, 3000), "a PE dies; it may be started again", for_good=0.3),
     "reboot": Kind("pe", (1, 60), "a PE restarts before the manager can miss it"),
     "brownout": Kind("pe", (300, 2500), "a PE dies and starts again and again"),
-    "mute": Kind("pe", (20, 2000), "a PE's transmitter fails: it hears, and is not heard"),
-    "deaf": Kind("pe", (20, 2000), "a PE's receiver fails: it is heard, and does not hear"),
+    "mute": Kind("pe", (20, 2000), "a PE's transmitter fails: the PE hears, but is not heard"),
+    "deaf": Kind("pe", (20, 2000), "a PE's receiver fails: the PE is heard, but does not hear"),
     "cut": Kind("pe", (20, 2000), "the wires of a PE break"),
-    "loose": Kind("pe", (50, 1500), "a PE's plug is loose: transmitter, receiver or both fail in turn"),
-    "pause": Kind("pe", (5, 1500), "a PE's processor stands still; its controller goes on"),
+    "loose": Kind("pe", (50, 1500), "a PE's connector is loose: its transmitter, its receiver or both fail in turn"),
+    "pause": Kind("pe", (5, 1500), "a PE's processor is paused; its CAN controller is not"),
     "slow": Kind("pe", (100, 3000), "every step of a module takes up to 8 ms"),
-    "stuck": Kind("pe", (100, 2000), "modules hang, and the heartbeat goes on"),
+    "stuck": Kind("pe", (100, 2000), "the modules of a PE hang, but its heartbeat goes on"),
     "clock_jump": Kind("pe", (0, 0), "a PE's clock jumps ahead", levels=(1, 10, 70, 300)),
-    "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors, and leaves the bus"),
+    "bus_off": Kind("pe", (0, 0), "a PE's controller counts too many errors and leaves the bus"),
     "bad_transmitter": Kind("pe", (1, 60), "a PE's controller destroys every frame it sends"),
     "half_cut": Kind(
         "twin_pe", (20, 3000), "a PE's wire to one channel of its bus breaks (level: which)", levels=(1, 2)
@@ -122,35 +122,35 @@ KINDS: Mapping[str, Kind] = {
     "late": Kind(
         "gateway",
         (100, 2000),
-        "what a gateway sends is late, and out of order (level: up to so many ms)",
+        "frames of a gateway are sent late and out of order (level: by up to so many ms)",
         levels=(30, 90),
     ),
     "inspect": Kind(
         "pe", (5000, 30000), "a diagnostic client reads and writes objects of a PE, and makes mistakes", drawn=False
     ),
-    "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
-    "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
+    "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies and is started again"),
+    "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor is paused"),
     "manager_cut": Kind(
         MANAGER,
         (20, 1000),
-        "the wires of a manager break, and it goes on",
+        "the wires of a manager break, but it runs on",
         unpromised=frozenset(("silence",)),
     ),
-    "manager_mute": Kind(MANAGER, (20, 1000), "a manager's transmitter fails: it hears, and is not heard"),
+    "manager_mute": Kind(MANAGER, (20, 1000), "a manager's transmitter fails: it hears, but is not heard"),
     "manager_deaf": Kind(
         MANAGER,
         (20, 1000),
-        "a manager's receiver fails: it is heard, and does not hear",
+        "a manager's receiver fails: it is heard, but does not hear",
         unpromised=frozenset(("silence",)),
     ),
     "manager_loose": Kind(
         MANAGER,
         (50, 1500),
-        "a manager's plug is loose: transmitter, receiver or both fail in turn",
+        "a manager's connector is loose: its transmitter, its receiver or both fail in turn",
         unpromised=frozenset(("silence",)),
     ),
     "manager_power": Kind(
-        MANAGER, (100, 2000), "a manager loses power, and what was not on its disk is torn", drawn=False, of_two=True
+        MANAGER, (100, 2000), "a manager loses power, and a write to its disk is torn", drawn=False, of_two=True
     ),
     "manager_clock_jump": Kind(
         MANAGER,
@@ -162,7 +162,7 @@ KINDS: Mapping[str, Kind] = {
     "manager_double": Kind(
         MANAGER,
         (100, 3000),
-        "a manager is started once more elsewhere, with a copy of its journal (level 1: without --standby)",
+        "a second manager starts elsewhere with the same node-ID and journal (level 1: without --standby)",
         levels=(0, 1),
         unpromised=frozenset(("clash", "service", "silence")),
         drawn=False,
@@ -188,24 +188,24 @@ KINDS: Mapping[str, Kind] = {
         of_two=True,
     ),
     "loss": Kind("bus", (100, 3000), "frames are destroyed (level: per mille)", levels=(1, 10, 100)),
-    "omission": Kind("bus", (100, 3000), "a receiver misses frames (per mille)", levels=(1, 10, 100)),
-    "doubled": Kind("bus", (100, 3000), "a receiver gets frames twice (per mille)", levels=(1, 10, 100)),
+    "omission": Kind("bus", (100, 3000), "a receiver misses frames (level: per mille)", levels=(1, 10, 100)),
+    "doubled": Kind("bus", (100, 3000), "a receiver gets frames twice (level: per mille)", levels=(1, 10, 100)),
     "burst": Kind("bus", (1, 30), "every frame is destroyed"),
-    "collapse": Kind("far_bus", (100, 2000), "bits take longer (level: times)", levels=(2, 5)),
-    "link_cut": Kind("far_bus", (50, 3000), "nothing passes between a gateway and the bus beyond"),
+    "collapse": Kind("far_bus", (100, 2000), "bits take longer (level: how many times)", levels=(2, 5)),
+    "link_cut": Kind("far_bus", (50, 3000), "no frame passes between a gateway and the bus beyond"),
     "link_up_only": Kind("far_bus", (50, 3000), "a gateway hears the bus beyond, but is not heard there"),
     "link_down_only": Kind("far_bus", (50, 3000), "a gateway is heard on the bus beyond, but hears nothing of it"),
     "channel_loss": Kind("channel", (100, 3000), "a channel of a replicated bus carries nothing"),
     "babble": Kind("bus", (5, 400), "a foreign node sends without end (level: its identifier)", levels=(1, 291, 1999)),
     "rogue": Kind("bus", (5, 400), "a foreign node sends under an identifier of the aircraft"),
-    "twin": Kind("pe", (5, 1000), "a foreign node has a PE's node-ID, and reports that it has just started"),
+    "twin": Kind("pe", (5, 1000), "a foreign node with a PE's node-ID reports that it has just started"),
     "corrupt": Kind(
-        "bus", (100, 2000), "data are changed past the CRC", unpromised=frozenset(("foreign",)), excuses=True
+        "bus", (100, 2000), "data are altered past the CRC", unpromised=frozenset(("foreign",)), excuses=True
     ),
     "forge": Kind(
         "bus",
         (20, 500),
-        "commands are changed past the CRC",
+        "commands are altered past the CRC",
         unpromised=_COMMANDED,
         excuses=True,
         lasting=True,
@@ -224,15 +224,15 @@ KINDS: Mapping[str, Kind] = {
         needs_key=True,
     ),
     "raise": Kind("module", (0, 0), "a module raises an exception", for_good=1.0),
-    "unfit": Kind("module", (0, 0), "a module gives a value that its type cannot carry", for_good=1.0),
-    "wrong": Kind("module", (100, 2000), "a value that a module gives is off by 40, or by a bit", excuses=True),
+    "unfit": Kind("module", (0, 0), "a module gives a value outside its type's range", for_good=1.0),
+    "wrong": Kind("module", (100, 2000), "a value of a module is wrong by 40, or in one bit", excuses=True),
     "overrun": Kind("module", (50, 1000), "every step of a module takes 30 ms"),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
-    "bias": Kind("device", (0, 0), "a sensor is off by 40 of its units", for_good=1.0, excuses=True),
+    "bias": Kind("device", (0, 0), "a sensor is wrong by 40 of its units", for_good=1.0, excuses=True),
     "order_fail": Kind(
-        "element", (200, 4000), "the operator fails an element, and clears it again", for_good=0.2, is_order=True
+        "element", (200, 4000), "the operator declares an element failed, and clears it", for_good=0.2, is_order=True
     ),
-    "order_clear": Kind("latched", (0, 0), "the operator clears whatever is latched, or in quarantine", is_order=True),
+    "order_clear": Kind("latched", (0, 0), "the operator clears all that is latched or in quarantine", is_order=True),
     "order_phase": Kind("phase", (0, 0), "the operator requests another mission phase", is_order=True),
 }
 
@@ -246,16 +246,16 @@ LEVELS: Mapping[str, tuple[int, int]] = {
     "collapse": (2, 100),
     "babble": (0, STANDARD_MASK),
 }
-"""The lowest and the highest level of the kinds that have one."""
+"""Lowest and highest level, for the kinds that have levels."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One fault: not before `at_ms`, for `lasts_ms` (0: for good, or in an instant)."""
+    """One fault: injected at `at_ms` or later, and lasting `lasts_ms` (0: it does not end, or takes no time)."""
 
     at_ms: int
     kind: str
-    target: str  # KIND:NAME, of a channel channel:BUS.N; manager, primary, standby or everything
+    target: str  # KIND:NAME (of a channel channel:BUS.N), manager, primary, standby or everything
     lasts_ms: int = 0
     during: str = ""  # one of STATES; empty: in any state
     level: int = 0
@@ -269,7 +269,7 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """When it is over at the latest; a fault that is for good has been injected by then."""
+        """Latest time at which it is over, or, for a fault without end, at which it has been injected."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property
@@ -282,12 +282,12 @@ def read_fault(spec: Spec, text: str) -> Fault:
     """Read one fault; raises UserError."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
-        raise UserError(f"'{text}' is no fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
+        raise UserError(f"'{text}' is not a fault; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
     kind = KINDS.get(match["kind"])
     if kind is None:
-        raise UserError(f"'{text}': there is no fault '{match['kind']}'; there is {', '.join(KINDS)}")
+        raise UserError(f"'{text}': there is no fault kind '{match['kind']}'; the kinds are {', '.join(KINDS)}")
     if match["during"] and match["during"] not in STATES:
-        raise UserError(f"'{text}': there is no state '{match['during']}'; there is {', '.join(STATES)}")
+        raise UserError(f"'{text}': there is no state '{match['during']}'; the states are {', '.join(STATES)}")
     targets = possible_targets(spec, match["kind"])
     if match["target"] not in (*targets, *(MANAGERS if targets == [MANAGER] else ())):
         raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")
@@ -302,26 +302,26 @@ def read_fault(spec: Spec, text: str) -> Fault:
 
 
 def over_s(faults: Iterable[Fault]) -> float:
-    """Give the seconds after which all of these faults are over."""
+    """Give the time in seconds after which all of these faults are over."""
     return max((fault.over_ms for fault in faults), default=0) / 1000
 
 
 def is_one_of_two(target: str) -> bool:
-    """Tell whether a target names one of two managers, and so has no meaning where there is but one."""
+    """Tell whether a target is one of two managers, so that a flight with one manager does not have it."""
     return MANAGERS.get(target) is not None
 
 
 def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
-    """Kinds that a seed draws where the user names none: those that have a target.
+    """Give the kinds that a seed draws from where the user names none: those with a target in this spec.
 
-    of_two: two managers fly. keyed: with a key.
+    of_two: there are two managers. keyed: managers and PEs have a key.
     """
     drawn = [n for n, kind in KINDS.items() if kind.drawn or (of_two and kind.of_two) or (keyed and kind.of_keyed)]
     return [name for name in drawn if possible_targets(spec, name)]
 
 
 def possible_targets(spec: Spec, kind: str) -> list[str]:
-    """Targets of a kind of fault in a spec, in the spec's order."""
+    """Give the targets of a kind of fault in a spec, in the spec's order."""
     pes, modules, main_bus = list(spec.pes), list(spec.modules), spec.manager.bus
     far_buses = [bus for bus in spec.buses if bus != main_bus]
     twins = [bus for bus in spec.buses.values() if bus.channels > 1]

@@ -1,17 +1,17 @@
-"""An attacker without the key: it listens, and sends what it has heard, or the like.
+"""An attacker without the key: it listens to a bus, and sends commands and reports that it has heard or made up.
 
-    forged      a command of its own making, with 48 bits of its own making
+    forged      a made-up command with a made-up tag of 48 bits
     replayed    a command and its TAG that it has heard, of any age
-    reordered   the same, a few milliseconds after they were sent
+    reordered   a command and its TAG, a few milliseconds after they were sent
     truncated   a command that it has heard, cut short, and its TAG
     foreign     a command of a manager of a higher term, tagged with another key
-    slander     an EMCY of a PE against anything, or a page 1 in which it cannot stage what runs
+    slander     an EMCY in the name of a PE about any element, or a page 1 that refuses the running epoch
 
-Its name begins as a foreign node's does, so the oracles take nothing that it sends for a command: they hold every PE to
-what the true managers have sent.
+Its station is named as a foreign node, so the oracles take none of its frames for a command: they verify that the PEs
+accept only what the true managers have sent.
 
-It does not send at the same time as the node that it imitates: where two nodes send under one identifier at the same
-time both frames are destroyed, down to bus-off, as on a wire. No tag helps against that; the fault `rogue` covers it.
+It does not send at the same moment as the node that it imitates. Two nodes that send under one identifier at one time
+destroy each other's frames, down to bus-off; no tag prevents that, and the fault `rogue` covers it.
 """
 
 from random import Random
@@ -51,24 +51,24 @@ from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, Stat
 _TAG_IDS = {management_id(manager, Command.TAG) for manager in (FIRST_MANAGER, LAST_MANAGER)}
 _COMMAND_IDS = {management_id(m, command) for m in (FIRST_MANAGER, LAST_MANAGER) for command in Command} - _TAG_IDS
 _STATE_IDS = {state_id(node) for node in PE_NODES}
-_ACCUSERS = PE_NODES[:4]  # most specs have these
+_ACCUSERS = PE_NODES[:4]  # node-IDs that most specs have
 _REMEMBERED = 512
 _LEASE_IDS = {management_id(manager, Command.LEASE) for manager in (FIRST_MANAGER, LAST_MANAGER)}
 _EVERY_NS = (500_000, 4_000_000)
-_TAG_AFTER_NS = 200_000  # by then the command before it has been sent
-_PAUSE_NS = 2_000_000  # after which a manager has sent what it had to send
-_DUE_NS = (14_000_000, 40_000_000)  # after a LEASE the next one is about to come, with a heartbeat period of 20 ms
+_TAG_AFTER_NS = 200_000  # from a command to its TAG: by then the command is on the bus
+_PAUSE_NS = 2_000_000  # of silence, after which a manager is assumed to have sent all its frames
+_DUE_NS = (14_000_000, 40_000_000)  # when the next LEASE is due after one, with a heartbeat period of 20 ms
 
 
 class Forger:
-    """Attacks from its creation until it leaves; `attacks` counts the attacks."""
+    """Attacks from its creation until it leaves the bus; `attacks` counts the attacks."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
         self.attacks = 0
         self._clock, self._bus, self._random = clock, bus, random
-        self._command: Frame | None = None  # the last one that was heard
+        self._command: Frame | None = None  # the last command heard
         self._heard: list[tuple[Frame, Frame]] = []
-        self._epochs: dict[int, int] = {}  # the epochs that PEs run, by the identifier of their states
+        self._epochs: dict[int, int] = {}  # epochs that PEs report, by the identifier of their states
         self._spoke, self._spoke_ns = 0, clock.now_ns  # which PE has sent its state last, and when
         self._leased_ns = self._heard_ns = clock.now_ns  # when a manager sent LEASE, and any frame
         key = Key(random.randbytes(KEY_BYTES))
@@ -121,13 +121,13 @@ class Forger:
             self._bus.offer(self._station, frame)
 
     def _is_quiet(self) -> bool:
-        """Tell whether no manager is likely to send: the last has sent not long ago, or not for long."""
+        """Tell whether a manager is unlikely to send now: its next LEASE is not due, or is long overdue."""
         now_ns = self._clock.now_ns
         has_ended = now_ns - self._heard_ns >= _PAUSE_NS
         return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
 
     def _made_up(self, manager: int, term: int) -> Frame:
-        """A command that would do harm if a PE executed it."""
+        """Give a command that would do harm if a PE executed it."""
         draw = self._random.randrange
         step, node, epoch = Step.GO_ALL, self._random.choice(PE_NODES), 1 + draw(0xFFFF)
         said: list[tuple[Command, ManagementMessage]] = [

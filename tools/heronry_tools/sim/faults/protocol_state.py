@@ -1,15 +1,15 @@
-"""Where the protocol stands, as the manager's events tell: for faults that are injected in a certain state.
+"""The state of the protocol, derived from the manager's events; faults can wait for it.
 
     planning    a plan has been requested and has not come
-    preparing   an epoch's slices are out, and some PE has not staged
-    activating  the first ACTIVATE is out, and something exclusive is still held
-    going       the last step is out, and some PE is not active
+    preparing   the slices of an epoch have been sent, and some PE has not staged
+    activating  the first ACTIVATE has been sent, and something exclusive is still held
+    going       the last step has been sent, and some PE is not ACTIVE
     suspect     none of these, and a PE has missed a heartbeat
-    rejoining   none of these, and a PE that was down is heard again and held down
-    orphaned    no active manager can be heard, whatever was under way before
+    rejoining   none of these, and a PE that was down is heard again and in its hold-down
+    orphaned    no active manager can be heard; this takes precedence over all others
     idle        none of these
 
-A fault that waits for a state is called at the moment at which the state begins.
+A fault that waits for a state is injected at the moment at which the state begins.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ _FOLLOWS = {
     "epoch_abandoned": "planning",
     "reconfigured": "idle",
 }
-_FORGOTTEN_AFTER_NS = 2_000_000_000  # a PE that fell silent again before the end of its hold-down
+_FORGOTTEN_AFTER_NS = 2_000_000_000  # after its last event: the PE may be silent again before the end of its hold-down
 
 
 class ProtocolState:
@@ -46,11 +46,11 @@ class ProtocolState:
         self._suspects: set[str] = set()
         self._returning: dict[str, int] = {}
         self._is_orphaned = False
-        self._waiting: list[tuple[str, int, Callable[[], None]]] = []  # state, not before, what
+        self._waiting: list[tuple[str, int, Callable[[], None]]] = []  # state, earliest time, what to call
 
     @property
     def now(self) -> str:
-        """One of STATES."""
+        """The present state, one of STATES."""
         if self._is_orphaned:
             return ORPHANED
         if self._reconfiguring != "idle":
@@ -87,14 +87,14 @@ class ProtocolState:
             self._moved()
 
     def _moved(self) -> None:
-        """Count the state, and call what waits for it, if the state has changed."""
+        """If the state has changed, count it, and call the callbacks that wait for it."""
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1
         self._call_waiting()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
-        """Call `what` once in `state`: at `not_before_ns`, or when the state next begins after that."""
+        """Call `what` once in `state`: at `not_before_ns`, or when the state next begins after that time."""
         self._waiting.append((state, not_before_ns, what))
         self._clock.at(not_before_ns, self._call_waiting)
 

@@ -1,1 +1,1 @@
-"""One simulated flight and many: the aircraft, the injection of faults, the outcome, campaigns, shrinking."""
+"""Simulated flights: the aircraft, the injection of faults, the outcome of a flight, campaigns, shrinking."""

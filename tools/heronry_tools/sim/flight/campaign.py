@@ -1,10 +1,10 @@
-"""Many flights: in parallel, in the order of their seeds, and what all of them together have reached.
+"""Campaigns: many flights in parallel, and a table of what they have reached together.
 
-Flight hours alone say little. What counts is which faults were injected in which state of the protocol (`Coverage`): a
-cell with no injection was never tried, and a cell with fewer than `ENOUGH` injections was hardly tried. Drawn faults
-aim at all states (`drawing`), with one manager and with two, and whether or not the spec has a DEMUX.
+The number of flight hours says little. What counts is which faults were injected in which state of the protocol
+(`Coverage`): a cell without an injection was never tried, and one with fewer than `ENOUGH` injections was hardly tried.
+Drawn faults aim at all states (`drawing`), with one manager and with two, and whether or not the spec has a DEMUX.
 
-Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
+Worker processes share nothing: each loads the spec once, and keeps the plans of its flights for its later flights.
 """
 
 import gc
@@ -27,15 +27,15 @@ R = TypeVar("R")
 ENOUGH = 30
 _HEAD_WIDTH = max(map(len, KINDS))
 _POLITENESS = 10
-_COLLECTED_AFTER = 100_000  # objects that were allocated and not freed since
-_SPECS: list[Spec] = []  # the one spec of a worker process
+_COLLECTED_AFTER = 100_000  # objects allocated and not freed since the last garbage collection
+_SPECS: list[Spec] = []  # in a worker process: the one spec that it has loaded
 
 
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
-    """Fly on `jobs` processors, at most one per flight, each flight by `fly`; yields the results in order.
+    """Call `fly` for each flight on `jobs` processors, at most one per flight; yields the results in order.
 
-    Flights that the caller no longer waits for are stopped. SIGTERM then ends the program as Ctrl-C does, with 143.
-    Raises UserError where a worker process has died.
+    Flights whose results the caller no longer waits for are stopped. SIGTERM then ends the program as Ctrl-C does, with
+    exit code 143. Raises UserError where a worker process has died.
     """
     jobs = min(jobs, len(flights))
     if jobs <= 1:
@@ -50,16 +50,16 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
 
 
 def collect_seldom() -> None:
-    """Exempt the objects that exist now from garbage collection, and collect seldom: a flight makes little garbage."""
+    """Make garbage collection rare, and exempt the objects that exist now: a flight makes little garbage."""
     gc.freeze()
     gc.set_threshold(_COLLECTED_AFTER)
 
 
 class Coverage:
-    """Which kinds of faults were injected in which states, of the kinds that exist for a spec."""
+    """Counts of injected faults by kind and state, for the kinds that have a target in a spec."""
 
     def __init__(self, spec: Spec, *, of_two: bool = False) -> None:
-        """Expect every kind that is drawn for a spec; of_two: in flights with two managers."""
+        """of_two: the flights have two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
         self._unverified_ns: Counter[str] = Counter()
@@ -74,13 +74,13 @@ class Coverage:
         self._flown_ns += outcome.virtual_ns
 
     def unverified(self) -> dict[str, float]:
-        """Share of the time in which an oracle's rule was waived, in per cent, the largest first."""
+        """Give the share of the time in which each rule was waived, in per cent, the largest first."""
         return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unverified_ns.most_common()}
 
     def cells(self) -> dict[tuple[str, str], int]:
-        """Count of injections for every cell that can be reached: the kind has a target, and the state was entered.
+        """Give the number of injections in each cell that can be reached: its kind has a target, its state was entered.
 
-        An operator can give no order while no manager is active.
+        No cell is expected for orders of the operator while no manager is active: none can be given then.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]
@@ -89,7 +89,7 @@ class Coverage:
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
-        """Lines: kinds of faults by states, how often each state was entered, and how many cells are hardly tried."""
+        """Give lines of text: faults by kind and state, entries of each state, thin cells, shares of waivers."""
         cells = self.cells()
         kinds = list(dict.fromkeys(kind for kind, _ in cells))
         lines = [_row("faults in state", STATES)]
@@ -102,7 +102,7 @@ class Coverage:
         return [*lines, f"not verified, of the time: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
-        """Give the same as `table`, for JSON."""
+        """Give the content of `table` as plain data for JSON."""
         cells = self.cells()
         return {
             "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
@@ -113,7 +113,7 @@ class Coverage:
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:
-        """Cells with fewer than `ENOUGH` injections."""
+        """Give the cells with fewer than `ENOUGH` injections."""
         return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
 
     def _states(self) -> list[str]:
@@ -125,7 +125,7 @@ def _row(head: str, columns: Sequence[object]) -> str:
 
 
 def _begin(spec_file: Path) -> None:
-    """Start a worker process with low priority, and load the spec."""
+    """Set up this worker process: low priority, rare garbage collection, the spec."""
     os.nice(_POLITENESS)
     _SPECS.append(load(spec_file))
     collect_seldom()

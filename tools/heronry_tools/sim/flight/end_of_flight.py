@@ -1,7 +1,7 @@
-"""The end of a flight, and what is reported then: one way for drawn flights, scenario files and exhaustive cases.
+"""The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-The oracles check what must never be all the time, and silences up to the end of the flight. Then every fault that can
-be ended is ended, and the aircraft is left alone until all is well, or for the bound on that (`oracles.liveness`).
+Requirements that must always hold, and silences, are verified up to the end of the flight. Then every fault that can be
+ended is ended, and the aircraft is left alone until it has converged, or for the bound on that (`oracles.liveness`).
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,10 @@ from heronry_wire.sansio import InvariantError
 
 
 def end_flight(simulation: Simulation, injections: Injections, targets: Iterable[str]) -> list[Violation]:
-    """End every fault that can be ended, and give every violation; `targets` are all that faults were injected into."""
+    """End every fault that can be ended, let the aircraft converge, and give all violations of the flight.
+
+    targets: all targets into which faults were injected.
+    """
     start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
     injections.heal()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
@@ -25,15 +28,15 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
-    """Say that a fault was not injected at all, or not in the state that it names; None where it was."""
+    """Say that a fault was not injected at all, or not in the state that it names; None if it was."""
     state = injections.state_of.get(fault)
     if state is not None and fault.during in ("", state):
         return None
     injected = ", ".join(f"{kind} in {now}" for kind, now in injections.hits) or "nothing"
-    return f"'{text}' was not injected so (what was: {injected}); try another seed"
+    return f"'{text}' was not injected as given (injected: {injected}); try another seed"
 
 
 def ended_by(simulation: Simulation, error: Exception) -> list[Violation]:
-    """Give the violations of a flight that ended with an exception of a core."""
+    """Give the violations of a flight that an exception of a core has ended."""
     story = str(error) if isinstance(error, InvariantError) else f"{type(error).__name__}: {error}"
     return [*simulation.broken(), Violation(simulation.now_ns, "invariant", story)]

@@ -1,20 +1,21 @@
-"""Every reconfiguration of a small aircraft, with every fault in every message of it: exhaustive, not drawn.
+"""Exhaustive flights of a small aircraft: each reconfiguration, with each fault in each of its messages.
 
-A *story* is what makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises,
-each sensor that dies, each PE and device that the operator fails and clears again, each module that the operator clears
-after it has failed, each phase, requested by the operator or by a module, and, where there are two managers, the death
-of the active one. It is flown once undisturbed, and the frames of the management are counted, from the first one after
-the story begins to the last one before its last reconfiguration is done. Then it is flown again for every *frame
+A *story* is what makes the aircraft reconfigure: its start; each PE's loss, return and reboot; each module that raises;
+each sensor that fails; each PE and device that the operator fails and clears; each failed module that the operator
+clears; each phase, requested by the operator or by a module; and, with two managers, the death of the active one.
+
+Each story is flown once without a further fault. The management frames are counted, from the first one after the story
+begins to the last one before its last reconfiguration is complete. Then the story is flown again for every *frame
 fault*:
 
-    N lost VICTIM       the N-th frame is not received, by one node or by all nodes
-    N doubled VICTIM    ... or is received twice
-    N late-MS VICTIM    ... or that much later, behind what was sent after it: by the driver of one node, or of all
-    N crash VICTIM      once it has been received the node dies, and is started again
-    N death VICTIM      ... or is not (a PE; of two managers the first one)
+    N lost VICTIM       the N-th frame is not received by one node, or by no node
+    N doubled VICTIM    the N-th frame is received twice by one node, or by all
+    N late-MS VICTIM    the N-th frame reaches one node's driver, or all drivers, MS later, after frames sent later
+    N crash VICTIM      a node dies when the N-th frame has been received, and is started again
+    N death VICTIM      a node dies when the N-th frame has been received (a PE, or the first of two managers)
 
-Whatever happens to a single message, all oracles of the simulator must hold, and the end must be the best
-configuration. Two frame faults in one flight are far too many to be flown all; they are drawn.
+Whatever happens to one message, no oracle may report a violation, and the flight must end in the best configuration.
+There are too many pairs of frame faults to fly them all; pairs are drawn.
 
 As text a case is STORY: FAULT, FAULT    for example    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
 """
@@ -47,29 +48,29 @@ _TAKEOVER = "takeover"
 _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
 _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
-_AWAY_MS = 1_500  # before a lost PE returns
+_AWAY_MS = 1_500  # from the loss of a PE to its return
 _REBOOT_MS = 3
-_RAISES_MS = 1_400  # for long enough that the PE gives the module up
+_RAISES_MS = 1_400  # long enough for the PE to give the module up
 _BY_THEIR_END = ("return", "clear")
 _DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
 _ADMITTED_NS = 60 * MS  # three heartbeat periods
-_QUIET_NS = 1_000 * MS  # without another end: the story is over
+_QUIET_NS = 1_000 * MS  # a story is over when nothing was completed for so long
 _LOOK_NS = 100 * MS
-_LONGEST_NS = 4_000 * MS  # of a flight, before everything is brought to its end
+_LONGEST_NS = 4_000 * MS  # longest flight before all faults are ended
 _FRAME_FAULT = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the aircraft is flown: contingencies on board for so many faults (None: none), a key, two managers."""
+    """How the aircraft is flown: with contingencies for up to so many faults (None: none), a key, two managers."""
 
     foreseen: int | None = None
     keyed: bool = False
     standby: bool = False
 
     def take_off(self, spec: Spec) -> Simulation:
-        """Give a new simulation of a spec, with every node switched on."""
+        """Give a new simulation of a spec in which every node is switched on."""
         return Simulation(spec, contingencies=self.foreseen, key=KEY if self.keyed else None, standby=self.standby)
 
     def nodes(self, spec: Spec) -> list[str]:
@@ -82,7 +83,7 @@ PLAIN = Setup()
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameFault:
-    """What happens to one frame, or to a node as soon as the frame has been received."""
+    """A fault of one frame, or the death of a node when that frame has been received."""
 
     number: int
     kind: str
@@ -99,14 +100,14 @@ class Case:
     story: str
     faults: tuple[FrameFault, ...]
     setup: Setup = PLAIN
-    named: bool = False  # by the user, who is told which of its faults have not happened
+    named: bool = False  # given by the user: a fault that was not injected is reported
 
     def __str__(self) -> str:
         return f"{self.story}: {', '.join(map(str, self.faults))}"
 
 
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
-    """Give everything that can make an aircraft reconfigure."""
+    """Give all stories of an aircraft, as text."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
     devices = [f"device:{device}" for device in spec.devices]
     there = {
@@ -123,12 +124,12 @@ def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
 
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
-    """Every frame fault in every frame of a story, one at a time; none where nothing is reconfigured."""
+    """Give a case for every frame fault in every frame of a story; none where the story reconfigures nothing."""
     return [Case(story, (fault,), setup) for fault in _frame_faults(setup.nodes(spec), _senders(spec, story, setup))]
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
-    """Draw that many pairs of frame faults, each pair from the cases of one story."""
+    """Draw `count` pairs of frame faults, each pair from the cases of one story."""
     random = Random(f"pairs of {seed}")
     by_story: dict[str, list[FrameFault]] = {}
     for case in cases:
@@ -144,13 +145,13 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     story = ": ".join(told)
     there = stories(spec, setup)
     if story not in there:
-        raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
+        raise UserError(f"'{text}': there is no story '{story}'; the stories are {', '.join(there)}")
     victims = [ALL_NODES, *setup.nodes(spec)]
     return Case(story, tuple(_read_frame_fault(victims, fault) for fault in faults.split(", ")), setup, named=True)
 
 
 def fly_case(spec: Spec, case: Case) -> list[Violation]:
-    """Fly a case; gives the violations."""
+    """Fly a case, and give its violations."""
     simulation = case.setup.take_off(spec)
     try:
         injections = begin(simulation, case.story)
@@ -168,7 +169,7 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
 
 
 def _fly(simulation: Simulation) -> None:
-    """Fly until all is well, or for longer than anything critical may be silent."""
+    """Fly until the aircraft has converged, or for longer than a critical function may be silent."""
     begun_ns = simulation.now_ns
     simulation.run_for(_QUIET_NS)
     while simulation.unsettled() and simulation.now_ns - begun_ns < _LONGEST_NS:
@@ -178,11 +179,11 @@ def _fly(simulation: Simulation) -> None:
 def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
     match = _FRAME_FAULT.fullmatch(text.strip())
     if match is None or match["kind"] not in KINDS:
-        raise UserError(f"'{text}' is no fault of a frame; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
+        raise UserError(f"'{text}' is not a frame fault; write NUMBER KIND VICTIM; KIND is one of {', '.join(KINDS)}")
     if match["victim"] not in victims:
-        raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
+        raise UserError(f"'{text}': there is no node '{match['victim']}'; VICTIM is one of {', '.join(victims)}")
     if match["kind"] in _DEATHS and match["victim"] == ALL_NODES:
-        raise UserError(f"'{text}': one node dies at a time; name it: {', '.join(victims[1:])}")
+        raise UserError(f"'{text}': only one node can die; name one of {', '.join(victims[1:])}")
     return FrameFault(int(match["number"]), match["kind"], match["victim"])
 
 
@@ -205,7 +206,7 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """Give the times at which something was completed: a reconfiguration, or the admission of a PE to what runs."""
+    """Give the times at which a reconfiguration, or the admission of a PE to the running epoch, was complete."""
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
@@ -220,7 +221,7 @@ def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFau
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Give what makes the aircraft reconfigure; for some stories (_BY_THEIR_END) it is the end of the fault."""
+    """Give the faults that make up a story; the end of the fault begins a story of _BY_THEIR_END."""
     what, _, target = story.partition(" ")
     match what:
         case "start" | "request":
@@ -244,11 +245,11 @@ def _faults(story: str) -> tuple[Fault, ...]:
 
 
 def begin(simulation: Simulation, story: str) -> Injections:
-    """Fly to where a story begins, and let it begin as soon as time goes on."""
+    """Fly to the beginning of a story; it begins as soon as time goes on."""
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
-            raise UserError(f"this aircraft has no story: it does not start ({simulation.unsettled()[0]})")
+            raise UserError(f"no story can be flown: this aircraft does not start ({simulation.unsettled()[0]})")
     injections = Injections(simulation, _faults(story), simulation.now_ns)
     what, _, target = story.partition(" ")
     if what in _BY_THEIR_END:
@@ -279,7 +280,7 @@ class _FrameFaultInjector:
     """Counts the management frames of a flight, and injects the frame faults."""
 
     def __init__(self, simulation: Simulation, faults: tuple[FrameFault, ...], injected: list[Injected]) -> None:
-        """Append to `injected` what is done, for the oracle of silences."""
+        """Inject `faults`, and append each to `injected`, from which the oracle `service` reads."""
         self._simulation, self._frame_faults, self._injected = simulation, faults, injected
         self._count = -1
         self._done: set[FrameFault] = set()
@@ -288,11 +289,11 @@ class _FrameFaultInjector:
 
     def missed(self) -> list[str]:
         """Say which frame faults were not injected."""
-        why = f"there was no such frame, or its victim did not run; {self._count + 1} were sent in this flight"
+        why = f"there was no such frame, or the node did not run; {self._count + 1} frames were sent in this flight"
         return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Say what happens to a frame that has just been sent, before any node has received it."""
+        """Inject the fault of a frame that no node has received yet; tells how the bus must tamper with the frame."""
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None
         self._count += 1
@@ -327,7 +328,7 @@ class _FrameFaultInjector:
         return list(nodes.values()) if victim == ALL_NODES else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        """Name of a victim's station; empty where it does not run, or where the victim is every node."""
+        """Give the name of a victim's station; empty if the victim does not run, or is every node."""
         if victim == ALL_NODES:
             return ""
         if victim.startswith("pe:"):
@@ -336,7 +337,7 @@ class _FrameFaultInjector:
         return nodes[0].stations[0][1].name if nodes else ""
 
     def _hold_back(self, node: Node, delay_ns: int) -> None:
-        """Let a node's driver hand over the next frame of the bus late."""
+        """Make a node's driver deliver the next frame of the bus late."""
         for bus, station in node.stations:
             if bus is self._bus:
                 listener, simulation = station.listener, self._simulation
@@ -348,7 +349,7 @@ class _FrameFaultInjector:
                 station.listener = hold
 
     def _crash(self, fault: FrameFault) -> None:
-        """Let a node die, and come back; of two managers the death of one is over at once: the other one takes over."""
+        """Let a node die, and restart it unless the fault is "death"."""
         simulation, returns = self._simulation, fault.kind == "crash"
         now_ns = simulation.now_ns
         if fault.victim in MANAGERS:

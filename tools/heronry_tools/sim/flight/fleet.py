@@ -20,7 +20,7 @@ _OTHER_DIGEST = "0" * 64
 
 
 class Fleet:
-    """All PEs; `running` are those that live, by name."""
+    """All PEs of a flight; `running` are those that are alive, by name."""
 
     def __init__(
         self,
@@ -36,19 +36,19 @@ class Fleet:
         key: Key | None,
         absent: Collection[str],
     ) -> None:
-        """tables: what each PE is given. key: with which PEs authenticate what they send; None: without a key.
+        """tables: the table of each PE. key: the key of managers and PEs, or None.
 
-        absent: PEs that are not on the aircraft until `arrive` is called.
+        absent: PEs that only `arrive` starts.
         """
         self.running: dict[str, SimulatedPe] = {}
-        self.broken_modules: dict[str, str] = {}  # how a module fails, or which phase it requests, wherever it runs
+        self.broken_modules: dict[str, str] = {}  # by module: how it fails, or which phase it requests
         self.tables = tables
         self._clock, self._clocks = clock, clocks
         self._wiring, self._world = wiring, world
         self._checks, self._truth = checks, truth
         self._seed, self._key = seed, key
         self._absent = set(absent)
-        self._stale: set[str] = set()  # PEs that were given the table of another spec
+        self._stale: set[str] = set()  # PEs with the table of another spec
         self._incarnations = dict.fromkeys(tables, 0)
         for pe in tables:
             truth.failed(f"pe:{pe}")
@@ -59,14 +59,14 @@ class Fleet:
         return sorted(source.identifier for source in next(iter(self.tables.values())).sources)
 
     def kill(self, pe: str) -> None:
-        """Let a PE die now; a PE that is dead stays so."""
+        """Let a PE die now; no effect on a dead PE."""
         dead = self.running.pop(pe, None)
         if dead is not None:
             dead.stop()
             self._truth.failed(f"pe:{pe}")
 
     def restore(self, pe: str) -> None:
-        """Start a PE that is not running and not absent: a new incarnation, with a clock of its own."""
+        """Start a PE as a new incarnation with a new clock; no effect on a PE that runs or is absent."""
         if pe in self.running or pe in self._absent:
             return
         self._incarnations[pe] += 1
@@ -90,21 +90,21 @@ class Fleet:
         )
 
     def arrive(self, pe: str) -> None:
-        """Start a PE that may have been absent so far."""
+        """Start a PE that may have been absent before."""
         self._absent.discard(pe)
         self.restore(pe)
 
     def make_stale(self, pe: str) -> None:
-        """Let a PE start with another spec's table from now on: it counts as down, since it can run nothing of ours."""
+        """Give a PE the table of another spec at its next start; it then counts as down, as it can run nothing."""
         self._stale.add(pe)
         self._truth.failed(f"pe:{pe}")
 
     def make_fresh(self, pe: str) -> None:
-        """Let a PE start with the right table again."""
+        """Give a PE the right table again at its next start."""
         self._stale.discard(pe)
 
     def cut(self, pe: str) -> None:
-        """Break the wires of a PE that lives on; a dead PE has nothing left to cut off."""
+        """Break the wires of a running PE; no effect on a dead PE."""
         if pe in self.running:
             self.running[pe].wire(cut_off=True)
             self._truth.cut(f"pe:{pe}")
@@ -116,7 +116,7 @@ class Fleet:
         self._truth.mended(f"pe:{pe}")
 
     def fail_receiver(self, pe: str, duration_ns: int) -> None:
-        """Let a running PE's receiver fail for `duration_ns`, while its frames still go out."""
+        """Let a running PE's receiver fail for `duration_ns`; the PE goes on sending."""
         node = self.running[pe]
         node.wire(receive_failed=True)
         self._clock.at(self._clock.now_ns + duration_ns, lambda: node.wire(receive_failed=False))

@@ -1,4 +1,4 @@
-"""Can a spec be simulated? Its modules need code."""
+"""Verifies that a spec can be simulated: every module needs an image with code."""
 
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.model import Spec
@@ -6,7 +6,7 @@ from heronry_tools.console.errors import UserError
 
 
 def check_images(spec: Spec) -> None:
-    """Refuse a spec with a module whose image has no code; raises UserError."""
+    """Raise UserError if a module's image has no code."""
     for module in spec.modules.values():
         try:
             find_image(module.image)

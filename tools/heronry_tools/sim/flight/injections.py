@@ -1,9 +1,9 @@
-"""The faults of one flight: each is injected at its time, or in the state that it waits for, and is ended in time.
+"""Injects the faults of one flight, each at its time or in the state for which it waits, and ends each in time.
 
-What was injected, and when, is kept for the oracles (`injected`). How each kind is injected is in `injection`.
+The functions that inject each kind are in `injection`. The oracles read from `injected` what was injected, and when.
 
-Every fault draws from a generator of its own, seeded by the run's seed and the fault's text, so that leaving one fault
-out of a list changes nothing about the others: a failing list can be made shorter.
+Each fault has its own random generator, seeded by the seed of the run and the text of the fault. So removing one fault
+from a list changes no other, which allows `shrink` to shorten a failing list.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 
 
 class Injections:
-    """Injects the faults of one run; `hits` counts the injections by kind and by the state in which they were made."""
+    """Injects the faults of one run; `hits` counts the injections by kind and by the state of the protocol."""
 
     def __init__(self, simulation: Simulation, faults: tuple[Fault, ...], start_ns: int) -> None:
         """Schedule the faults, with times counted from `start_ns`."""
@@ -37,7 +37,7 @@ class Injections:
             self._schedule(fault, start_ns + fault.at_ms * MS)
 
     def heal(self) -> None:
-        """End every fault that can be ended; nothing is injected any more."""
+        """End every fault that can be ended, and inject no more."""
         self._healed = True
         for fault in list(self._ends):
             self._end(fault)
@@ -52,7 +52,7 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a moment after the fault's state has begun; where the state is over by then, the next time."""
+        """Inject a moment after the fault's state has begun; if the state is over by then, wait for its next begin."""
         simulation = self._simulation
 
         def inject() -> None:
@@ -92,7 +92,7 @@ class Injections:
             self._note(fault, self._simulation.now_ns)
 
     def _note(self, fault: Fault, to_ns: int | None) -> None:
-        """Keep what was done, for the oracles; a fault in an instant leaves nothing behind."""
+        """Record a fault for the oracles, unless it took no time and has no lasting effect."""
         kind = KINDS[fault.kind]
         of_one = kind.target_kind in _OF_ONE_ELEMENT and not kind.excuses
         from_ns = self._begun[fault]
@@ -103,14 +103,14 @@ class Injections:
         self.injected.append(Injected(self._element(fault) if of_one else None, from_ns, to_ns))
 
     def _unpromised(self, fault: Fault) -> frozenset[str]:
-        """Rules of the oracles that cannot be promised while a fault is present."""
+        """Give the rules of the oracles that are waived while a fault is present."""
         kind = KINDS[fault.kind]
         if kind.promised_with_key and self._simulation.key is not None:
             return frozenset()
         return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, fault: Fault) -> str:
-        """What is as good as down: a PE without one channel of its bus is served as if all PEs were without it."""
+        """Give the element to count as down; for a PE without one channel of its bus, that channel."""
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
 

@@ -1,7 +1,7 @@
-"""The managers of one flight, each in its seat: they start, die, may be started twice, and report their events.
+"""The managers of one flight: they start, die, may be started twice, and report their events.
 
-A seat is a manager's node, or -node for a manager that is started on another computer under the same number. Each seat
-has a disk with its journal, which outlives the manager.
+Each manager has a seat: its node-ID, or minus its node-ID for a second manager with the same node-ID on another
+computer. Each seat has a disk with a journal, which outlives the manager.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """All managers; `running` are those that have not died, by seat."""
+    """All managers of a flight; `running` are those that are alive, by seat."""
 
     def __init__(
         self,
@@ -49,9 +49,10 @@ class Managers:
         planners: Planners,
         decide_ns: Callable[[], int],
     ) -> None:
-        """are_two: 126 and 127 fly, and each stands by while the other one is active.
+        """are_two: managers 126 and 127 fly, and each is the standby manager while the other is active.
 
-        disks: by seat. key: with which managers authenticate what they send. decide_ns: draws the time of a plan.
+        disks: the disks by seat. key: the key of managers and PEs, or None.
+        decide_ns: draws the time of a planning run.
         """
         self.running: dict[int, SimulatedManager] = {}
         self.events: list[dict[str, Any]] = []
@@ -64,25 +65,26 @@ class Managers:
 
     @property
     def foremost(self) -> SimulatedManager | None:
-        """The active manager; where none is active, the first one that runs."""
+        """The active manager; if no manager is active, the first running one."""
         active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
         return max(active_manager, key=lambda one: one.core.term, default=first)
 
     @property
     def commanding(self) -> SimulatedManager | None:
-        """The active manager, if its processor does not stand still."""
+        """The active manager, unless its processor is paused."""
         manager = self.foremost
         return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Events of the managers, of one kind."""
+        """Give the events of this kind of all managers."""
         return [event for event in self.events if event["event"] == kind]
 
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
-        """Start a manager, with its journal; with `advise` one that only advises.
+        """Start the manager of a seat, with the journal on the seat's disk.
 
-        standby: whether it stands by where another manager is active; by default where there are two.
+        advise: the manager only advises. standby: it follows while another manager is active; by default it does so
+        where there are two managers.
         """
         self.running[seat] = SimulatedManager(
             self._clock,
@@ -103,13 +105,16 @@ class Managers:
         )
 
     def double(self, node: int, *, standby: bool) -> None:
-        """Start a second manager under the number of one, on another computer, with a copy of its journal."""
+        """Start a second manager with the same node-ID on another computer, with a copy of the first one's journal."""
         self.disks[-node] = Disk(self._spec, self.disks[node].data)
         self._checks.manager_copied(_station(node), _station(-node))
         self.start(-node, standby=standby)
 
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
-        """Let a manager die now: this one, or the active one. `torn`: by loss of power, which tears its journal so."""
+        """Let the manager of a seat, or the active manager, die now.
+
+        torn: draws how much a loss of power destroys of the last write to its disk; None: nothing.
+        """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):
             if one is victim:
@@ -122,14 +127,14 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Tell the protocol's state whether an active manager can be heard."""
+        """Report to the protocol state whether an active manager can be heard."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Keep an event of a manager; of a standby manager only what concerns itself."""
+        """Keep an event of a manager; of a standby manager keep only events about itself."""
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):
@@ -146,6 +151,6 @@ def _station(seat: int) -> str:
 
 
 def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
-    """What the disk of a manager's station holds; empty where the disk accepts no write."""
+    """Give the bytes on the disk of a manager's station; empty if the disk accepts no write."""
     disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
     return None if disk.refuses or disk.problem is not None else disk.data

@@ -1,11 +1,11 @@
-"""The operator of a simulated aircraft gives orders to the active manager, and learns at once whether it executes them.
+"""The operator of a simulated aircraft: gives orders to the active manager, which answers at once whether it accepts.
 
-An order that was executed is the truth: an element that was failed is as good as down until it is cleared. Without an
-active manager an order is not given; only that an element is well again is said as soon as a manager can hear it.
+An accepted order defines the truth: an element that was declared failed counts as down until it is cleared. Without an
+active manager no order can be given, except that a clearance is kept and given as soon as a manager is active.
 
-Where there are two managers, a term can end before the other one has heard what was ordered in it, and the protocol
-does not promise that the next manager comes to know. An operator who looks at the status sees that, and repeats the
-order to the next manager (`insist`). To a manager that has only its journal, nothing is said twice.
+With two managers, a term can end before the other manager has heard an order, and the protocol does not promise that
+the next manager learns of it. A real operator sees that in the status, and repeats the order; so does this operator
+with `insist`. A manager that has restarted with its journal is told nothing again.
 """
 
 from heronry_dg.losses import lost_elements
@@ -24,21 +24,21 @@ _AWAY = ("down", "returning")
 
 
 class Operator:
-    """Gives orders, and remembers them."""
+    """Gives orders, and keeps them for repetition."""
 
     def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
         self._spec, self._clock = spec, clock
         self._managers, self._checks, self._truth = managers, checks, truth
-        self._well: dict[str, int | None] = {}  # elements that were cleared, and the term that was told; None: none yet
+        self._well: dict[str, int | None] = {}  # cleared elements: the term that got the clearance, or None
         self._insists = False
 
     @property
     def failed(self) -> frozenset[str]:
-        """Elements that count as failed, whatever is heard of them."""
+        """Elements that the operator has declared failed and not cleared."""
         return frozenset(self._truth.declared)
 
     def say(self, order: Order) -> Reply | None:
-        """Give an order to the active manager; gives its answer, None where no manager is active."""
+        """Give an order to the active manager; gives its answer, or None where no manager is active."""
         manager = self._managers.commanding
         reply = None if manager is None else manager.say(order)
         if manager is None or reply is None or not reply.done:
@@ -56,12 +56,12 @@ class Operator:
         return reply
 
     def clear(self, element: str) -> None:
-        """Say that an element is well again, as soon as a manager is active."""
+        """Clear an element as soon as a manager is active."""
         self._well[element] = None
         self._look()
 
     def latched(self) -> list[str]:
-        """What counts as failed or is in a long quarantine, and was not declared failed by this operator."""
+        """Elements that are latched or in a long quarantine, without those that this operator has declared failed."""
         manager = self._managers.commanding
         status = None if manager is None else manager.say(AskStatus()).status
         if status is None:
@@ -71,12 +71,12 @@ class Operator:
         return sorted(held - self._truth.declared.keys())
 
     def insist(self) -> None:
-        """From now on, repeat to each new active manager what it may not know."""
+        """From now on repeat to each new active manager the orders that it may not know."""
         self._insists = self._managers.are_two and bool(self._truth.declared or self._well)
         self._look()
 
     def _look(self) -> None:
-        """See which manager is active, and repeat what it may not know; look again while there may be more."""
+        """Repeat to the active manager the orders that it may not know; look again later while some are left."""
         manager = self._managers.commanding
         if manager is not None:
             term = manager.core.term
@@ -86,13 +86,13 @@ class Operator:
             for element, cleared_in in list(self._well.items()):
                 if cleared_in == term or not (cleared_in is None or self._insists):
                     continue
-                manager.say(ClearElement(element))  # a manager that refuses has latched nothing
+                manager.say(ClearElement(element))  # a manager that refuses does not have it latched
                 self._is_well(element, term)
         if self._insists or None in self._well.values():
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Note that a manager takes an element for well; a module begins anew, and may fail again."""
+        """Note that a manager has accepted a clearance; a cleared module starts anew, and may fail again."""
         everywhere = not self._managers.are_two
         self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)
         if element.startswith("module:"):
@@ -101,7 +101,7 @@ class Operator:
         self._well[element] = term
 
     def _excuse_idle(self, element: str) -> None:
-        """Excuse reports of what is not driven because of an order: it may look stuck."""
+        """Excuse reports of actuators that are idle because of an order: they may look stuck."""
         lost = lost_elements(self._spec, Situation(frozenset({element})))
         for module in self._spec.modules.values():
             if f"module:{module.name}" in lost or f"device:{module.device}" in lost:

@@ -1,6 +1,7 @@
-"""A scenario and its outcome: which faults an aircraft suffers, and how the flight went.
+"""A scenario, which is what happens to an aircraft, and the outcome of its flight.
 
-A flight starts when the first configuration runs. Then the faults are injected, and rest follows (`end_of_flight`).
+A flight starts when the first configuration runs. Then the faults are injected, and after them the aircraft is left
+alone (`end_of_flight`).
 """
 
 from collections import Counter
@@ -20,37 +21,38 @@ from heronry_wire.authentication import KEY_BYTES, Key
 _NS_PER_S = 1_000_000_000
 _MS = 1_000_000
 KEY = Key(bytes(KEY_BYTES))
-"""Key of every flight that has one; the attackers of the simulator do not know it."""
+"""Key of all flights with a key; the attackers of the simulator do not know it."""
 
 _LONGEST_START_NS = 20 * _NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Which faults are injected, and how bad the buses are all the while."""
+    """The faults to inject, the quality of the buses, and the kind of aircraft."""
 
     seed: int
     seconds: float
     faults: tuple[Fault, ...]
     loss: float = 0.0
-    drawn: bool = False  # the faults are exactly those that the seed draws
-    keyed: bool = False  # managers and PEs have a key; where a fault needs one they have it anyway
+    drawn: bool = False  # the faults are those that the seed draws
+    keyed: bool = False  # managers and PEs have a key; they also have one if a fault needs it
     standby: bool = False  # there are two managers
-    foreseen: int | None = None  # contingencies for up to so many faults are planned ahead and on board; None: none
+    foreseen: int | None = None  # contingencies on board cover up to so many faults; None: no contingencies
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a flight went; `hits` counts the injections by kind and state of the protocol, `entered` the states.
+    """The outcome of a flight.
 
-    unjudged: for how long each rule was waived, in ns.
+    hits: injections by kind and state of the protocol. entered: entries of each state.
+    unjudged: the ns in which each rule was waived.
     """
 
     scenario: Scenario
     digest: str
     frames: int
     virtual_ns: int
-    reconfigurations: tuple[dict[str, Any], ...]  # the events of that name
+    reconfigurations: tuple[dict[str, Any], ...]  # the events "reconfigured"
     violations: tuple[Violation, ...]
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
     entered: Counter[str] = field(default_factory=Counter)
@@ -58,7 +60,7 @@ class Outcome:
 
 
 def lossy(share: float) -> Faults:
-    """A bus on which this share of all frames is destroyed, and some receiver misses or doubles a tenth of it."""
+    """Give the quality of a bus on which this share of frames is destroyed, and a tenth of it is missed or doubled."""
     return Faults(share, share / 10, share / 10)
 
 
@@ -68,7 +70,7 @@ def need_key(faults: Iterable[Fault]) -> bool:
 
 
 def play(spec: Spec, scenario: Scenario) -> Outcome:
-    """Fly a scenario to its end."""
+    """Fly a scenario to its end, and give its outcome."""
     has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(
         spec,

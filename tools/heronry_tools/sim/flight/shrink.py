@@ -1,12 +1,12 @@
-"""A failing list of faults is made as short as it can be: delta debugging.
+"""Shortens a failing list of faults as far as possible: delta debugging.
 
-Halves are left out, then quarters, and so on down to single faults, as long as the flight still fails in the same way
-(Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002), ddmin without the subsets
-that only the complement of a part would need). What is left fails, and without any one fault of it does not. Then each
-fault is made plainer: at its time rather than in a state, and shorter; and the flight ends when its last fault has.
+First halves of the list are left out, then quarters, down to single faults, as long as the flight still fails in the
+same way (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002); ddmin, without
+the steps that try a part alone). The result fails, and does not fail if any one fault is left out. Then each fault is
+made simpler: at its time instead of in a state, and shorter. The flight is made to end with its last fault.
 
-A fault's own randomness does not depend on its neighbours (`injections`), but their time does: leaving one out may move
-what another one meets. So the way down is a search, not a proof, and the result is verified by flying it.
+A fault's random draws do not depend on the other faults (`injections`), but the state of the flight does: without one
+fault another may meet another state. So the search may miss a shorter list; its result is verified by a flight.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from heronry_tools.sim.oracles.violation import MISSED
 
 
 def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
-    """Give the shortest failing flight that was found, starting from one that fails."""
+    """Give the shortest failing flight that was found, starting from a failing one."""
     rules = {violation.rule for violation in outcome.violations} - {MISSED}
     best = _whole(outcome, fly, rules)
     parts = 2
@@ -36,14 +36,14 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Give the flight that runs until all its faults are over, as `--act` would fly it, where it fails then, too."""
+    """Give the flight that lasts until all its faults are over, as `--act` would fly it, if that one fails, too."""
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
     return whole if _fails(whole, rules) else outcome
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Make each fault plainer, and the flight shorter, as long as it fails."""
+    """Make each fault simpler, and the flight shorter, as long as the flight fails."""
     for position in range(len(best.scenario.faults)):
         for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
             faults = best.scenario.faults
@@ -73,7 +73,7 @@ def _fails(outcome: Outcome, rules: set[str]) -> bool:
 def _without_a_part(
     faults: tuple[Fault, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
 ) -> Outcome | None:
-    """Leave out one part after the other; give the first flight that still fails."""
+    """Leave out each part of the list in turn; give the first flight that still fails, or None."""
     bounds = [len(faults) * i // parts for i in range(parts + 1)]
     for begin, end in pairwise(bounds):
         outcome = fly(replace(scenario, faults=faults[:begin] + faults[end:], drawn=False))

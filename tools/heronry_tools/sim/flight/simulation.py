@@ -1,11 +1,11 @@
-"""One run: an aircraft of simulated nodes, what is done to it, and what is seen of it.
+"""One run: an aircraft of simulated nodes, what is done to it, and what the oracles observe.
 
-Everything that is random (start-up times, clocks, how long a plan takes, loss) is drawn from one seed, so a spec, a
-seed and the list of what is done give the same frames, bit for bit; `digest` tells.
+All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
+seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
 
-The parts: `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator`. Only `truth` knows
-what is really so; the cores must find it out. The oracles of the run (`checks`) are told the truth, and see the frames
-and what is driven, but no core.
+The parts: `wiring` (the buses), `fleet` (the PEs), `managers`, `world` (the devices), `operator`. Only `truth` holds
+the real situation, which the cores must find out. The oracles (`checks`) get the truth, the frames and the driven
+outputs, but no state of a core.
 """
 
 from collections.abc import Callable, Collection
@@ -40,14 +40,14 @@ from heronry_wire.identifiers import LAST_MANAGER, MANAGER_NODES
 MS = 1_000_000
 PERFECT = Faults()
 DEFAULT_DECIDE_NS = 30 * MS
-DEFAULT_SKEW_PPM = 100  # error of a quartz
+DEFAULT_SKEW_PPM = 100  # largest error of a clock
 
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
 
 
 class Simulation:
-    """One run, up to where it has been run."""
+    """One run, simulated up to `now_ns`."""
 
     def __init__(
         self,
@@ -65,16 +65,16 @@ class Simulation:
         absent: Collection[str] = (),
         aloft_ns: int = 0,
     ) -> None:
-        """Switch everything on, each node at its own moment in the first 200 ms.
+        """Switch on all nodes, each at a drawn moment in the first 200 ms.
 
-        faults: what every bus suffers from all the time.
-        decide_ns: the longest time a plan takes; each time is drawn between a half of it and this.
+        faults: the quality of every bus for the whole run.
+        decide_ns: the longest duration of a planning run; each is drawn between half of it and all of it.
         skew_ppm: the largest error of a clock.
-        contingencies: plans for up to so many faults are made ahead and on board; None: for none.
-        key: with which managers and PEs authenticate what they send.
-        standby: there are two managers, 126 and 127; each stands by while the other one is active.
-        absent: PEs that are not there at first.
-        aloft_ns: how long the scripted flight of the plant has lasted at the start.
+        contingencies: contingencies on board cover up to so many faults; None: no contingencies.
+        key: the key of managers and PEs; None: no key.
+        standby: there are two managers, 126 and 127; each is the standby manager while the other is active.
+        absent: PEs to start only later, by `Fleet.arrive`.
+        aloft_ns: at which moment of the plant's scripted flight the run starts.
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
@@ -127,24 +127,24 @@ class Simulation:
 
     @property
     def witness(self) -> Witness:
-        """What the frames on the manager's bus show of the functions."""
+        """Record of the functions whose outputs were heard on the manager's bus."""
         return self.checks.witness
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """Events of the managers; of a standby manager only what concerns itself."""
+        """Events of the managers; of a standby manager only events about itself."""
         return self.managers.events
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
-        """Events of the managers, of one kind."""
+        """Give the events of this kind of all managers."""
         return self.managers.events_of(kind)
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:
-        """Call `what` at a time."""
+        """Call `what` at the virtual time `when_ns`."""
         self.clock.at(when_ns, what)
 
     def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
-        """Call `what` at the end of a frame of a run that is replayed, before any node has received the frame."""
+        """Call `what` at the end of a frame known from an equal run, before any node has received the frame."""
 
         def tap(sent: Sent) -> None:
             if sent == frame:
@@ -153,21 +153,21 @@ class Simulation:
         self.wiring.tap(frame.bus, tap)
 
     def run_until(self, end_ns: int) -> None:
-        """Let time pass up to and including `end_ns`."""
+        """Simulate up to and including `end_ns`."""
         self.clock.run_until(end_ns)
 
     def run_for(self, duration_ns: int) -> None:
-        """Let time pass."""
+        """Simulate for `duration_ns`."""
         self.clock.run_until(self.clock.now_ns + duration_ns)
 
     def digest(self) -> str:
-        """Digest of every frame so far, with its time, bus and sender: 16 hexadecimal digits."""
+        """Digest of every frame so far with its time, bus and sender: 16 hexadecimal digits."""
         return self._frames.so_far()
 
     # Faults of devices and channels; those of PEs and managers are in `fleet` and `managers`
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
-        """Let a device fail; the monitors may or may not notice."""
+        """Let a device fail in one of the ways of `Failure`; the modules may or may not detect it."""
         self.world.fail(device, how, self.clock.now_ns, offset)
         self.truth.failed(f"device:{device}")
 
@@ -177,14 +177,14 @@ class Simulation:
         self.truth.failed(f"channel:{channel}")
 
     def mend_channel(self, channel: str) -> None:
-        """Mend a channel, if no other fault has broken it meanwhile."""
+        """Mend a channel, unless another fault has broken it meanwhile."""
         wire = self.wiring.channel(channel)
         wire.mend_wire()
         if not wire.broken:
             self.truth.is_back(f"channel:{channel}")
 
     def inspect(self, pe: str) -> DiagnosticClient:
-        """Let a diagnostic client inspect a PE by CANopen and CANaerospace, on the bus on which it is commanded."""
+        """Let a diagnostic client inspect a PE by CANopen and CANaerospace, on the PE's uplink."""
         return DiagnosticClient(
             self.clock,
             self.wiring.buses[uplink_bus(self.spec, pe)],
@@ -193,22 +193,22 @@ class Simulation:
             lambda story: self.checks.wrong(self.now_ns, story),
         )
 
-    # What the oracles say of the run
+    # What the oracles have found
 
     def broken(self) -> list[Violation]:
-        """Give the violations so far of what must never be."""
+        """Give the violations so far of what must always hold."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
-        """Give what must not be once the aircraft has been left alone for a while."""
+        """Give the present violations of what must hold once the aircraft has converged."""
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
-        """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
+        """Leave the aircraft alone until it has converged, or for the bound on that; gives every violation.
 
-        It stays well when it is well for longer than a silent PE or function goes unnoticed. The frames are counted in
-        the second half of that time: before it a controller may still send what it has kept, and a PE that returns
-        what it ran.
+        It has converged when no requirement was violated for longer than a silent PE or function may go unnoticed. Data
+        are counted (`planned_load`) only in the second half of that time: before, a controller may still send queued
+        frames, and a PE that returns may send what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -219,7 +219,7 @@ class Simulation:
             unwell = self.unsettled() + queues.look(self.now_ns, wires)
             epoch_before, epoch = epoch, self.checks.epoch
             if epoch != epoch_before:
-                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} has just been activated"))
+                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} was activated only now"))
             if unwell and self.now_ns >= end_ns:
                 return self.broken() + unwell
             if unwell:

@@ -1,7 +1,7 @@
-"""What is really so in one flight: what was done to the aircraft is known here and nowhere else.
+"""The real situation of one flight, known only to the simulator and its oracles.
 
-Down is what has failed, what is cut off, what the operator has declared failed, and what was reported for a reason
-(`excuse`, or while a fault is present under which a module's report cannot be promised).
+Down is each element that has failed, is cut off, was declared failed by the operator, or was reported with an excuse:
+by `excuse`, or while a fault is present because of which modules may report healthy elements.
 """
 
 from heronry_dg.model import Spec
@@ -11,19 +11,19 @@ from heronry_tools.sim.oracles.waivers import REPORTS, Waivers
 
 
 class Truth:
-    """The situation as it is."""
+    """The real situation."""
 
     def __init__(self, spec: Spec, checks: Checks, waivers: Waivers) -> None:
-        """Begin with an aircraft on which nothing has failed."""
+        """Begin with an aircraft on which everything is healthy."""
         self._spec, self._checks, self._waivers = spec, checks, waivers
         self._down: set[str] = set()
         self._cut: set[str] = set()
-        self.declared: dict[str, int] = {}  # elements that the operator declared failed; the term that was told last
-        self.excusable: set[str] = set()  # elements that may be reported although they have not failed
+        self.declared: dict[str, int] = {}  # declared failed by the operator: the term that was told last
+        self.excusable: set[str] = set()  # healthy elements that may be reported as failed
 
     @property
     def situation(self) -> Situation:
-        """What is down, and the phase that was requested last."""
+        """The elements that are down, and the phase that was requested last."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
@@ -33,7 +33,7 @@ class Truth:
         return Situation(down, {}, self._checks.phase)
 
     def failed(self, element: str) -> None:
-        """Note that an element has failed; what was cut off and fails is not cut off any more."""
+        """Note that an element has failed; it no longer counts as cut off."""
         self._down.add(element)
         self._cut.discard(element)
 
@@ -43,17 +43,17 @@ class Truth:
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:
-        """Note that an element lives, and nothing reaches it."""
+        """Note that an element is healthy but cut off."""
         self._cut.add(element)
 
     def mended(self, element: str) -> None:
-        """Note that an element can be reached again."""
+        """Note that an element is no longer cut off."""
         self._cut.discard(element)
 
     def excuse(self, module: str) -> None:
-        """Let a module be reported, and its device: a servo that no module drives looks like one that is stuck.
+        """Allow reports of a healthy module and its device: a servo that no module drives may look stuck.
 
-        Where no branch of a DEMUX is left, its surface stands still, and so do the sensors beside it.
+        If no branch of a DEMUX is left, its surface stands still, so the sensors of that surface may look stuck, too.
         """
         spec, excusable = self._spec, self.excusable
         devices = {spec.modules[module].device}

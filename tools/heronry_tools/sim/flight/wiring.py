@@ -1,4 +1,4 @@
-"""The buses of one flight: their wires, one for each channel, and the observers and tamperers of their frames."""
+"""The buses of one flight: one wire per channel, with callbacks that observe frames or tamper with them."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -14,7 +14,7 @@ class Wiring:
     """Every wire of a spec."""
 
     def __init__(self, spec: Spec, clock: Clock, seed: int, faults: Faults) -> None:
-        """`faults` are what all wires suffer from all the time, drawn by `seed`."""
+        """faults: the quality of all wires for the whole flight; seed: draws their errors."""
         self.faults = faults
         self.wires: Mapping[str, tuple[SimulatedBus, ...]] = {
             bus.name: tuple(
@@ -27,13 +27,13 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Call `tap` for every frame of a bus, of a replicated one for the first copies; the nodes do not notice."""
+        """Call `tap` for every frame of a bus (for the first copy, if the bus is replicated); no node notices."""
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
-        """Call `see` for every frame on every wire, and `channel` with the channel (0 or 1) of a replicated bus.
+        """Call `see` for every frame on every wire, and `channel` for every frame on a channel of a replicated bus.
 
-        Called once, before the first `tap`: the first copies are passed on after that.
+        To be called once, before the first `tap`: the first copies are determined from here on. Channels are 0 and 1.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):
@@ -43,7 +43,7 @@ class Wiring:
                     wire.taps.append(self._both[name].see)
 
     def every_wire(self) -> dict[str, SimulatedBus]:
-        """Every wire by the name of its bus, or of its channel where the bus is replicated."""
+        """Every wire, by the name of its bus, or of its channel if the bus is replicated."""
         return {
             name if len(wires) == 1 else f"{name}.{number}": wire
             for name, wires in self.wires.items()
@@ -60,6 +60,6 @@ class Wiring:
         return [clash for wires in self.wires.values() for wire in wires for clash in wire.clashes]
 
     def tamper(self, frame: Sent, tampering: Tampering) -> None:
-        """Let one frame of a run that is replayed be lost or doubled."""
+        """Let one frame known from an equal run be lost or doubled."""
         for wire in self.wires[frame.bus]:
             wire.tamper = lambda sent: tampering if sent == frame else None

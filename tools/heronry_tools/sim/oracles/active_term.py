@@ -1,11 +1,12 @@
-"""Which term is the active one, as far as a node can know that hears the managers: the highest that is named.
+"""Determines the active term from the frames on the managers' bus: it is the highest term that a command names.
 
-It is active until no manager has named it for T_lease: it may have begun where no PE could hear it, and ended there.
-Then the term of the manager that sends next is active.
+A term stays active until no manager has named it for T_lease: its manager may have been active where no PE heard it,
+and may be dead. Then the term of the next manager that sends is active.
 
-With a key a PE believes no command before its TAG, and a PE that does not know this manager asks it first, and is
-answered. A term is *claimed* until its manager has sent a second TAG, half a period or more after the first: so long
-PEs may accept both it and the term before, and if no TAG comes the one before goes on.
+With a key a PE believes no command before its TAG. A PE that does not know the manager first asks that manager for a
+proof, and gets it. So a new term is only *claimed* until its manager has sent a second TAG, half a heartbeat period or
+more after the first. Until then PEs may accept the claimed term and the term before. If no second TAG comes, the term
+before stays active.
 """
 
 from heronry_dg.model import Spec
@@ -13,7 +14,7 @@ from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 
 class ActiveTerm:
-    """Follows the terms that are named on the managers' bus."""
+    """Derives the active term from the terms that commands name on the managers' bus."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         self.number = 0
@@ -24,7 +25,7 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """Follow that a manager has named its term; tells whether that is the active one, or may be."""
+        """Note that a manager has named its term; tells whether this term is active, or is claimed."""
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:
@@ -35,7 +36,7 @@ class ActiveTerm:
         return True
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """Follow that a manager has sent a TAG."""
+        """Note that a manager has sent a TAG."""
         if station not in self._claims:
             return
         term, first_ns = self._claims[station]
@@ -45,5 +46,5 @@ class ActiveTerm:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether some PEs may not be able to believe yet that this term has begun."""
+        """Tell whether this term is claimed only, so that some PEs may not accept it yet."""
         return term > self.number and self._claims.get(station, (0, 0))[0] == term

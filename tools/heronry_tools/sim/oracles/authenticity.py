@@ -1,26 +1,27 @@
-"""Every command that a PE accepts was authentic and fresh: what PEs report that they did, against what was proven.
+"""Every command that a PE accepts is authentic and fresh: the PEs' reports are compared with the proven commands.
 
-Verified in flights with a key, from frames alone: commands on the managers' bus, where `proven_commands` works every
-tag out again, and what a PE itself sends on its uplink. Beyond a gateway any node may send in its name, and what a
-gateway hands on proves nothing. A PE shows what it has accepted:
+The oracle works in flights with a key, and from frames alone: the commands on the managers' bus, whose tags
+`proven_commands` computes again, and the frames that each PE itself sends on its uplink. (Beyond a gateway any node may
+send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE shows which command it has accepted:
 
-    it hears a LEASE          page 0, HEARS_LEASE        a LEASE, and it was accepted not long ago
+    report of the PE          frame                      accepted command
+    it hears a LEASE          page 0, HEARS_LEASE        a LEASE, a short time ago
     it has staged an epoch    page 1, staged epoch       a PREPARE of that epoch
     it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
-    it withdraws a fault      EMCY RESET                 a CLEAR of that element, and not long ago
+    it withdraws a fault      EMCY RESET                 a CLEAR of that element, a short time ago
 
-Behind each there must be a proven pair that the PE could accept when it was sent. *Fresh* is what lies beyond the last
-command that the PE certainly had accepted before. That place is known from below: the earliest one that explains what
-the PE has reported so far. A LEASE that was sent once explains one acceptance, so a manager that is replayed is found
-out as soon as there are more acceptances than there were LEASEs. A PE that has started anew has only heard what was
-sent since. It shows that in its first page 0, a heartbeat period later at most; it may have been welcomed and sent a
-PREPARE before that. Where page 0 was stuck in its controller, the page 2 with which it asked for that welcome went
-before. Where a manager may use the numbers of a term again (`may_count_again`), a command with a lower number than was
-ever sent may be new to such a PE.
+For each report the oracle requires a proven command that was fresh for the PE when it was sent. A command is *fresh* if
+its number is higher than that of every command that the PE has certainly accepted. The oracle knows a lower bound of
+this number: the earliest command that explains the PE's reports so far. One LEASE explains one acceptance, so a replay
+is detected as soon as a PE has accepted more LEASEs than were sent.
 
-"Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long its report may
-be on its way: in its own queue, and in that of a gateway. A PE that reports LEASEs which nothing explains must go on
-reporting them for as long.
+A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, at most a
+heartbeat period late; the PE may have received a WELCOME and a PREPARE before. Where page 0 waited in the controller,
+the page 2 that asked for the WELCOME shows the start. Where a manager may reuse numbers of its term
+(`may_count_again`), a lower number may be new to a restarted PE.
+
+"A short time" is T_lease of the slowest bus on the way to the PE, and the time that the report may wait in the queues
+of the PE and of a gateway. A report of a LEASE without explanation is a violation only if the PE repeats it that long.
 """
 
 from dataclasses import dataclass, field
@@ -55,24 +56,24 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """What one PE could accept so far, and what it certainly has."""
+    """Commands that one PE can have accepted so far, and a lower bound of those that it has accepted."""
 
     name: str
     bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
     asks_ns: int | None = None  # when it first asked for a welcome since its last page 0
-    least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
-    leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
-    clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
-    prepares: dict[int, int] = field(default_factory=dict)  # by epoch: when last
-    steps: dict[int, tuple[Step, int]] = field(default_factory=dict)  # by epoch: the furthest, and when that was last
-    unexplained_ns: int | None = None  # since when it reports that it hears a LEASE, and none explains it
-    told: set[tuple[object, ...]] = field(default_factory=set)  # violations that were found already
+    least: dict[int, Place] = field(default_factory=dict)  # by manager: the PE has accepted this place or a later one
+    leases: dict[_Accepted, int] = field(default_factory=dict)  # LEASEs that it could accept: when each was sent last
+    clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element: when a CLEAR was sent last
+    prepares: dict[int, int] = field(default_factory=dict)  # by epoch: when a PREPARE was sent last
+    steps: dict[int, tuple[Step, int]] = field(default_factory=dict)  # by epoch: the furthest step, and when sent last
+    unexplained_ns: int | None = None  # since when it reports a LEASE that no proven LEASE explains
+    told: set[tuple[object, ...]] = field(default_factory=set)  # violations that are reported already
 
 
 class AuthenticityCheck(Oracle):
-    """Follows what is commanded, and what PEs report that they did."""
+    """Compares the PEs' reports with the proven commands."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
         super().__init__()
@@ -87,15 +88,15 @@ class AuthenticityCheck(Oracle):
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def may_count_again(self) -> None:
-        """From now on a manager may use numbers that were used in its term already."""
+        """From now on a manager may reuse command numbers of its present term."""
         self._may_count_again = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """Two managers number their commands by themselves from now on."""
+        """From now on two managers number their commands independently."""
         self._may_count_again = True
 
     def seen(self, sent: Sent) -> None:
-        """Take a frame of any bus and any sender."""
+        """Take a frame of any sender on any bus."""
         for pes, assess in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)
             if pe is not None:
@@ -151,7 +152,7 @@ class AuthenticityCheck(Oracle):
         elif pe.unexplained_ns is None:
             pe.unexplained_ns = t_ns
         elif t_ns - pe.unexplained_ns > _ON_ITS_WAY_LEASES * pe.lease_ns:
-            self._tell(pe, t_ns, ("hears",), "reports that it hears a LEASE, and none was authentic and fresh")
+            self._tell(pe, t_ns, ("hears",), "reports that it hears a LEASE, but no authentic and fresh one was sent")
 
     def _runs(self, pe: _Pe, t_ns: int, page: StatePage0) -> None:
         least = _LEAST_STEP[page.state]
@@ -181,7 +182,7 @@ class AuthenticityCheck(Oracle):
 
 
 def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
-    """Keep what a PE would do upon a command that was sent and that it could accept."""
+    """Note a proven command that this PE could accept, so that it can explain later reports of the PE."""
     message = proven.message
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns

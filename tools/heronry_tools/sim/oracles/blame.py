@@ -1,11 +1,12 @@
-"""No healthy element is reported: every fault that a PE reports on the bus is a fault that was injected.
+"""No healthy element is reported as failed: every fault that a PE reports on a bus was really injected.
 
-An EMCY is latched by the manager for good, so a false one costs the aircraft a healthy servo. What was really injected
-is known only to the run, and a fault stays: the reports are compared with the truth when `unfounded` is called.
+The manager latches a reported fault, so a false report costs the aircraft a healthy element until the operator clears
+it. Only the run knows which faults were injected. Faults stay, so the reports are compared with the truth once, when
+`unfounded` is called.
 
-Reports are what a PE sends itself, on any bus. What a gateway hands on was heard there already, or was sent by a node
-that has no name here: with a key no manager believes that, and one that did would plan without what is well
-(`end_state`).
+The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read those that a gateway forwards: each was
+either read before, beyond the gateway, or sent by a foreign node. With a key no manager believes a foreign node's EMCY.
+A manager that did would plan without a healthy element, which `end_state` detects.
 """
 
 from heronry_dg.model import Spec
@@ -20,10 +21,10 @@ _REPORTS_NO_FAULT = ("RESET", "PHASE_REQUEST", "MODULE_RESTARTED", "CHANNEL_LOST
 
 
 class BlameCheck(Oracle):
-    """Collects what was reported."""
+    """Collects the faults that PEs report."""
 
     def __init__(self, spec: Spec) -> None:
-        """EMCYs name elements by their place in this spec."""
+        """spec: its order of elements gives the indices in EMCYs."""
         super().__init__()
         self._names = {
             ElementKind.PE: tuple(spec.pes),
@@ -32,24 +33,24 @@ class BlameCheck(Oracle):
             ElementKind.BUS: tuple(spec.buses),
         }
         self._reported: dict[str, Violation] = {}
-        self._cleared: dict[str, Violation] = {}  # that were reported rightly, and are well since
+        self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
     def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
-        """An EMCY was sent."""
+        """Note the element that a PE's EMCY reports."""
         element, detail = self._reported_by(sent)
         if element is None:
             return
-        story = f"{element} is reported by {sent.sender} (detail {detail}), and it is well"
+        story = f"{element} is reported by {sent.sender} (detail {detail}), but no fault of it was injected"
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
 
     def handed_on(self, sent: Sent) -> None:
-        """A gateway has sent an EMCY; a late one may be about what was cleared since, and is believed once more."""
+        """Note again a cleared element that a late EMCY from a gateway reports: the manager believes that EMCY."""
         element, _ = self._reported_by(sent)
         if element in self._cleared:
             self._reported.setdefault(element, self._cleared[element])
 
     def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
-        """An element was cleared; what was reported of it rightly is forgotten."""
+        """Drop the report of an element that was down and has been cleared."""
         if element in self._reported and element in truth.down:
             self._cleared[element] = self._reported.pop(element)
 
@@ -62,9 +63,9 @@ class BlameCheck(Oracle):
 
     @property
     def reported(self) -> dict[str, int]:
-        """Elements that have been reported, rightly or not, and when."""
+        """Elements that have been reported, rightly or wrongly, and when (ns)."""
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
-        """Give the reports of what has not failed."""
+        """Give the reports of elements that are not down in `truth`."""
         return [violation for element, violation in self._reported.items() if element not in truth.down]

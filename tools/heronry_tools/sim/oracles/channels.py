@@ -1,11 +1,13 @@
-"""A replicated bus is one bus: every sending is taken once, and a PE that reports a channel lost has lost it.
+"""A replicated bus acts as one bus: each node takes each frame once, and reports only a channel that it has lost.
 
-Copies of one sending are known here by the object that was sent (`replicated_port`), not by what is in it:
+A frame that a node sends goes out on both channels, as two copies. This oracle recognizes the copies of one
+transmission by the Python object that was sent (`replicated_port`), not by their bytes.
 
-    copies     no node takes a sending more often than the better channel has brought it; and takes one that both
-               channels have brought. Of two equal ones within half a heartbeat period it may take one for the other
-    channels   a PE that reports a channel has heard nothing on it, or got nothing out on it, for more heartbeats than
-               may be missed, not longer ago than the report says it
+    copies     no node takes a transmission more often than the better channel has delivered it, and each node takes a
+               transmission that both channels have delivered. Two equal transmissions within half a heartbeat period
+               may be taken for copies of one
+    channels   a PE that reports a lost channel has received nothing on it, or sent nothing on it, for more heartbeats
+               than the bus may miss; this gap is no older than the delay of the report allows
 """
 
 from collections import deque
@@ -21,7 +23,7 @@ from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.frame import Frame, Malformed, format_frame
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 
-_KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
+_KEEPS_UP_PERIODS = 10  # for which a channel must work again until its PE stops reporting it
 
 
 def _nothing_yet() -> list[int]:
@@ -38,19 +40,19 @@ class _Sending:
 
 
 class ChannelCheck(Oracle):
-    """Watches every copy on its way."""
+    """Follows every copy of every transmission."""
 
     def __init__(self, spec: Spec) -> None:
-        """The nodes are those of this spec."""
+        """spec: gives the nodes and the replicated buses."""
         super().__init__()
         self._spec = spec
         self._sendings: dict[tuple[str, int], _Sending] = {}  # by node and identity
         self._order: deque[tuple[int, tuple[str, int]]] = deque()
-        self._signs: dict[tuple[str, str, int, str], int] = {}  # node, bus, channel, in or out: the last one
+        self._signs: dict[tuple[str, str, int, str], int] = {}  # last frame by node, bus, channel, "in" or "out"
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
     def copied(self, copy: Copy) -> None:
-        """A node has been brought a copy."""
+        """Note that a channel has delivered a copy to a node."""
         while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
             del self._sendings[self._order.popleft()[1]]
         key = copy.node, id(copy.frame)
@@ -69,23 +71,23 @@ class ChannelCheck(Oracle):
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
 
     def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
-        """Sendings to a node that it cannot tell from this one, itself among them."""
+        """Give all transmissions that their node may take for the same one as `sending`, with `sending` itself."""
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 
     def carried(self, channel: int, sent: Sent) -> None:
-        """A channel, 0 or 1, has carried a frame."""
+        """Note that a channel, 0 or 1, has carried a frame."""
         self._sign(sent.end_ns, sent.sender, sent.bus, channel, "out")
 
     def emergency(self, sent: Sent, pe: str, emergency: Emergency | Malformed) -> None:
-        """A PE has sent an EMCY."""
+        """Verify an EMCY of a PE that reports a lost channel."""
         if isinstance(emergency, Malformed) or emergency.kind is not ElementKind.CHANNEL:
             return
         if emergency.code is not FaultCode.CHANNEL_LOST:
             return
         bus = self._spec.buses[self._spec.pes[pe].buses[emergency.index]]
         if not self._has_lost(pe, bus, emergency.detail - 1, sent.end_ns):
-            story = f"{pe} reports {bus.name}.{emergency.detail}, which carries what it should there"
+            story = f"{pe} reports channel {bus.name}.{emergency.detail} lost, but that channel works at {pe}"
             self.violations.append(Violation(sent.end_ns, "channels", story))
 
     def _has_lost(self, pe: str, bus: Bus, channel: int, t_ns: int) -> bool:

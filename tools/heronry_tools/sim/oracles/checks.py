@@ -1,6 +1,6 @@
-"""All that watches a run: the oracles (`registry`), what they are told, and what they have found.
+"""`Checks`: everything that watches a run, with the oracles (`registry`), their inputs and their violations.
 
-Frames come in by `see`; what modules do, and what is done to the aircraft, is told by the caller that does it.
+Frames come in by `see`. What modules do, and what is done to the aircraft, is reported by the code that does it.
 """
 
 from collections.abc import Collection, Sequence
@@ -36,9 +36,9 @@ class Checks:
     ) -> None:
         """Watch runs of this spec.
 
-        tables: what its PEs were given, if anything on board matters.
-        key: with which everything is tagged, if it is.
-        read_journal: gives the bytes of a manager's journal.
+        tables: the tables of the PEs; needed only if a contingency is on board.
+        key: the key of managers and PEs, if they have one.
+        read_journal: gives the bytes of the journal of the manager at a station.
         """
         self._spec = spec
         self._known = Known(spec, tables, key, read_journal)
@@ -61,7 +61,7 @@ class Checks:
             oracle.seen(sent)
 
     def copied(self, copy: Copy) -> None:
-        """A node has been brought a copy of a frame on a replicated bus."""
+        """A channel of a replicated bus has delivered a copy of a frame to a node."""
         for oracle in self._of_copies:
             oracle.copied(copy)
 
@@ -71,55 +71,55 @@ class Checks:
             oracle.carried(channel, sent)
 
     def moved(self, moved: Moved) -> None:
-        """A PE lets a device move."""
+        """A PE has allowed the device of a module to move."""
         for oracle in self._of_moves:
             oracle.moved(moved)
 
     def driven(self, driven: Driven) -> None:
-        """A module was stepped that drives."""
+        """A module that drives an output was stepped."""
         for oracle in self._of_driving:
             oracle.driven(driven)
 
     def looked(self, stepped: Driven) -> None:
-        """A module was stepped that does not drive, and the simulator recorded its inputs."""
+        """A module that drives no output was stepped, and the simulator recorded its inputs."""
         for oracle in self._of_looks:
             oracle.looked(stepped)
 
     # What is done to the aircraft
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
-        """A bus is broken in the middle, or whole again."""
+        """A bus has broken in the middle (`is_split`), or was mended."""
         self._known.solitude.split(t_ns, bus)
         for oracle in self._oracles:
             oracle.bus_split(t_ns, bus, is_split)
 
     def altered(self) -> None:
-        """Data are changed past the CRC from now on."""
+        """From now on data frames are altered in a way that their CRC does not detect."""
         for oracle in self._oracles:
             oracle.altered()
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A manager is about to be started once more, elsewhere, with a copy of its journal."""
+        """A second manager is about to start at station `twin`, with a copy of the journal of `station`."""
         for oracle in self._oracles:
             oracle.manager_copied(station, twin)
 
     def manager_died(self, t_ns: int, station: str) -> None:
-        """A manager has died, and left its journal."""
+        """The manager at this station has died; its journal remains on its disk."""
         for oracle in self._oracles:
             oracle.manager_died(t_ns, station)
 
     def may_count_again(self) -> None:
-        """From now on a manager may use numbers of commands that were used in its term already."""
+        """From now on a manager may reuse command numbers of its present term."""
         for oracle in self._oracles:
             oracle.may_count_again()
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin with less than was known of the phase."""
+        """From now on a manager may begin its mastership without all that was known of the phase."""
         for oracle in self._oracles:
             oracle.may_forget_phase()
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator has ordered a phase, and the manager has accepted that in a term."""
+        """The operator has ordered a phase, and the manager has accepted the order in this term."""
         for oracle in self._oracles:
             oracle.ordered(t_ns, phase, term)
 
@@ -129,7 +129,10 @@ class Checks:
             oracle.failed(t_ns, element)
 
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
-        """The operator has cleared an element that counted as down by `truth`; not everywhere: one manager knows."""
+        """The operator has cleared an element.
+
+        truth: the real situation just before. everywhere: False where only one manager knows of the order.
+        """
         for oracle in self._oracles:
             oracle.cleared(t_ns, element, truth, everywhere=everywhere)
 
@@ -141,7 +144,7 @@ class Checks:
 
     @property
     def witness(self) -> Witness:
-        """What is heard of the functions on the managers' bus."""
+        """Record of the functions whose outputs were heard on the managers' bus."""
         return self._known.witness
 
     @property
@@ -151,35 +154,35 @@ class Checks:
 
     @property
     def phase(self) -> str | None:
-        """Mission phase that was requested last, by the operator or a PE; the first one to begin with."""
+        """The mission phase that the operator or a PE requested last; at first the initial phase of the spec."""
         return self._known.phases.current
 
     @property
     def epoch(self) -> int | None:
-        """The epoch that was activated last."""
+        """The epoch that was activated last; None before the first one."""
         current = self._known.commanded.current
         return None if current is None else current.number
 
     @property
     def settling_ns(self) -> int:
-        """How long something critical may be silent after a fault."""
+        """Longest time for which a critical function may be silent after a fault."""
         return self._known.service.longest_ns
 
     def planned(self, pe: str) -> dict[str, str]:
-        """Modules that the epoch activated last lets run on a PE, with their modes."""
+        """Give the modules, with their modes, that the epoch activated last runs on a PE."""
         epoch = self._known.commanded.current
         configuration = None if epoch is None else epoch.configuration
         running = {} if configuration is None else configuration.modules
         return {name: one.mode for name, one in running.items() if one.pe == pe}
 
     def liveness_bound_ns(self) -> int:
-        """Longest time from now on until all is well, if nothing more is done."""
+        """Longest time from now until the aircraft must have converged, if nothing more is done to it."""
         return self._known.losses.bound_ns()
 
     # What was found
 
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
-        """Give what must never have been, so far; `clashes` are the buses' own."""
+        """Give the violations so far of what must always hold; `clashes` are those that the buses have recorded."""
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
             for c in clashes
@@ -189,19 +192,22 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Give what must not be once a run has settled."""
+        """Give the violations at this moment of what must hold once a run has settled."""
         known = self._known
         seen = Seen(known.epochs.last, known.witness, known.commanded.current, known.phases.named, known.service.held)
         return end_state(self._spec, truth, now_ns, seen)
 
     def is_well(self, t_ns: int) -> None:
-        """From now on the aircraft is well, and goes on being so: the buses should carry what is planned."""
+        """Note that the aircraft has converged: from now on `planned_load` counts the frames on the buses."""
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Give what was sent since then and is not planned; `truth` is what is really down."""
+        """Give the data that were sent since `is_well` and are not planned; `truth` is what is really down."""
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent in flight without need, by what was done to the aircraft."""
+        """Give the critical functions that were silent in flight without need.
+
+        injected: what was done to the aircraft. end_ns: the end of the flight.
+        """
         return self._known.service.silences(self._known.witness.outages(end_ns), injected, end_ns)

@@ -1,14 +1,18 @@
-"""What the managers have commanded, read back from the frames: configurations by epoch.
+"""The configurations that the managers have commanded, by epoch, read back from the frames.
 
-PREPARE opens an epoch, SLICE heads say which PEs take part and how long each slice is, bodies bring the bytes, or the
-digest of a head names bytes that were sent before, or are on board. A contingency's number stands for what the tables
-have on board under it, for PEs that get no head. While a new epoch is prepared, a PE that is late for the last one is
-still given that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the
-slices become a configuration again, as soon as they are all there: the manager does not wait for a PE beyond a radio,
-and its slice may come later.
-What a manager that is not active prepares is kept apart: no PE need follow it, and a later active manager may adopt it,
-by naming in its own term what was prepared in a lower one.
-Nothing here asks a manager: a slice that was never on the bus cannot be put together.
+PREPARE opens an epoch. The head of a SLICE names a PE that takes part, the length of its slice, and a digest. Bodies
+bring the bytes of the slice, unless the digest names bytes that were sent before or are on board. Where PREPARE names a
+contingency by its number, a PE without a head takes the slice that its table has under that number. While an epoch is
+being prepared, a manager may send the epoch before to a PE that is late. Each command names its epoch, so the two do
+not mix.
+
+From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
+manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
+
+What a manager that is not active prepares is kept apart: no PE need follow that manager. A later active manager may
+adopt such an epoch; its LEASE then names in a higher term what was prepared in a lower one.
+
+Nothing here is read from a manager: a slice that was never on the bus cannot be put together.
 """
 
 from collections.abc import Iterable
@@ -34,7 +38,7 @@ from heronry_wire.state_frames import StatePage1
 
 
 def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:
-    """Elements in the order in which CONTROL and EMCY number them."""
+    """Give the elements of each kind in the order of their indices in CONTROL and EMCY."""
     return {
         ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
         ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
@@ -44,7 +48,7 @@ def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:
 
 
 def _low(message: ManagementMessage) -> int:
-    """Low byte of the epoch that a command is about; -1 where it is about none."""
+    """Give the low byte of the epoch that a command names; -1 where the command names no epoch."""
     match message:
         case SliceHead() | SliceBody():
             return message.epoch_low
@@ -56,23 +60,23 @@ def _low(message: ManagementMessage) -> int:
 
 @dataclass(slots=True)
 class Epoch:
-    """One epoch as it was heard; `configuration` once it has been activated and put together."""
+    """One epoch, as its commands were heard; `configuration` is known once the epoch was activated and put together."""
 
     number: int
     digest: int
     prepared_ns: int
-    term: int  # that prepared it first
+    term: int  # the term in which it was prepared first
     contingency: int = 0
-    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node that gets a slice
+    heads: dict[int, SliceHead] = field(default_factory=dict)  # by the node of the slice
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
-    staged: set[int] = field(default_factory=set)  # nodes that have reported it
-    activated_ns: int | None = None  # when that was commanded first
+    staged: set[int] = field(default_factory=set)  # nodes that have reported the epoch as staged
+    activated_ns: int | None = None  # time of its first ACTIVATE
     is_adopted: bool = False  # by a higher term, before any other active one had activated it
     configuration: Configuration | None = None
-    flaw: str | None = None  # why there is none, and will not be
+    flaw: str | None = None  # why no configuration can be put together
 
     def has(self, node: int) -> bool:
-        """Tell whether a node takes part: it gets a slice, or has staged what it had on board."""
+        """Tell whether a node takes part: it gets a slice, or has staged the slice that it had on board."""
         return node in self.heads or node in self.staged
 
 
@@ -80,7 +84,7 @@ class Commanded:
     """Follows the commands on the managers' bus."""
 
     def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
-        """`tables`: what the PEs were given, if anything on board matters."""
+        """tables: the tables of the PEs; needed only if a contingency is on board."""
         self._spec = spec
         self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())
@@ -92,19 +96,19 @@ class Commanded:
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
-        # By node, length and digest, as a PE knows them: among all slices of a flight some share their 24 bits.
+        # Keyed by node, length and digest, as in a PE: two slices of one flight may have equal 24-bit digests.
         self._bytes = {
             (pe.node_id, len(body), slice_digest(spec.digest, body)): body
             for pe in spec.pes.values()
             for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
-        self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
-        self._apart: dict[int, Epoch] = {}  # the same, by managers that are not active
+        self._prepared: dict[int, Epoch] = {}  # the last epoch of each low byte of an epoch's number
+        self._apart: dict[int, Epoch] = {}  # the same, for epochs of managers that are not active
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
-        """Follow a command; gives an epoch once, when it has been activated and put together, or cannot be."""
+        """Follow a command; give an epoch once, after its first ACTIVATE, when it is put together or cannot be."""
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))
         match message:
@@ -127,27 +131,27 @@ class Commanded:
                         epoch.activated_ns, epoch.is_adopted = t_ns, message.term > epoch.term
         if epoch is None or epoch.configuration is not None or epoch.flaw:
             return None
-        if self.epochs.get(epoch.number) is not epoch:  # one of that number may have run, and be another
+        if self.epochs.get(epoch.number) is not epoch:  # another epoch of this number may have run before
             return None
         return self._put_together(epoch)
 
     def digests(self, page: StatePage1) -> list[int]:
-        """Digests that a page 1 may mean: that of the epoch which it names."""
+        """Give the digests that the epoch named by a page 1 may have."""
         return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:
-        """Follow a page 1, which says what its PE has staged."""
+        """Follow a page 1, in which a PE reports the epoch that it has staged."""
         for epoch in self._named(page.staged_epoch):
             if (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Epochs that may be meant, first that of the active manager; one that ran is known by its whole number."""
+        """Give the epochs that a number may mean, that of the active manager first."""
         known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
         return [epoch for epoch in known if epoch is not None]
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
-        """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""
+        """Set the configuration or the flaw of an activated epoch; give None while missing bytes may still come."""
         slices = {pe.node_id: self._called(epoch, pe.node_id) for pe in self._spec.pes.values()}
         for node, head in epoch.heads.items():
             if (body := self._bytes.get((node, head.length, head.digest))) is not None:
@@ -158,10 +162,10 @@ class Commanded:
                 epoch.flaw = f"it was activated before the slice of node {node} was sent"
         is_whole = configuration_digest(self._spec.digest, slices) == epoch.digest
         if not is_whole and slices.keys() - epoch.heads.keys() - self._wired:
-            return None  # a PE beyond a radio may take part that has not had its head yet
+            return None  # the head for a PE beyond a radio may still come
         try:
             if epoch.flaw is None and not is_whole:
-                epoch.flaw = "the slices that were sent are not those of the digest that was announced"
+                epoch.flaw = "the slices that were sent do not have the digest that PREPARE has announced"
             if epoch.flaw is None:
                 decoded = {node: decode_slice(body, self._leaves) for node, body in slices.items()}
                 epoch.configuration = self._configuration(decoded)
@@ -170,12 +174,12 @@ class Commanded:
         return epoch
 
     def _called(self, epoch: Epoch, node: int) -> bytes:
-        """Slice that a node has on board under the epoch's number."""
+        """Give the slice that a node has on board under the number of the epoch's contingency; empty if none."""
         held = self._on_board.get(node, ())[: epoch.contingency][epoch.contingency - 1 :] if epoch.contingency else ()
         return next((one.slice for one in held if one.digest == epoch.digest), b"")
 
     def _keep(self, head: SliceHead | None, frames: dict[int, bytes]) -> None:
-        """Remember the bytes of a slice once all of them have been sent."""
+        """Keep the bytes of a slice if all of them have been sent."""
         count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
         if head is not None and all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]

@@ -1,12 +1,12 @@
-"""Every configuration that is activated is legal, and staged by the PEs that it needs.
+"""Every activated configuration is legal, and was staged by each PE that must run something in it.
 
-Verified from the frames: `Commanded` puts each configuration together again, and at its first ACTIVATE
+`Commanded` reads each configuration back from the frames. At the first ACTIVATE of its epoch:
 
-- `heronry_dg.verify` must find nothing in it, in a situation in which nothing is down: gates, wires, budgets, bus
-  loads, deadlines and placement rules hold whatever has failed. (What purpose a module serves depends on the phase, and
-  is not verified where there are several.)
-- no module is on a PE that takes no part, and every PE reached by wire that has something to do has reported that it
-  staged just this: nothing runs on what is dead or unconfigured.
+- `heronry_dg.verify` must find no fault in it for a situation in which nothing is down. Gates, wires, budgets, bus
+  loads, deadlines and placement rules must hold whatever has failed. (Whether a module serves a purpose depends on the
+  phase, and is not verified for a spec with several phases.)
+- No module may be on a PE that takes no part. Every PE reached by wire that runs a module must have reported this epoch
+  as staged. So nothing runs on a dead or unconfigured PE.
 """
 
 from heronry_dg.configuration import Configuration
@@ -18,12 +18,12 @@ from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 
-# By digests of spec and configuration. Of thousands of configurations two may share their 24 bits.
+# Keyed by the digests of spec and configuration; a configuration's 24-bit digest alone may occur twice.
 _VERIFIED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
 class ConfigurationCheck(Oracle):
-    """Verifies what is activated."""
+    """Verifies the configuration of each activated epoch."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class ConfigurationCheck(Oracle):
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """An epoch has been activated, and put together again, or cannot be."""
+        """Verify an epoch, or report that its configuration cannot be put together."""
         self.violations += [Violation(t_ns, "configuration", story) for story in self._assess(epoch)]
 
     def _assess(self, epoch: Epoch) -> list[str]:
@@ -44,9 +44,9 @@ class ConfigurationCheck(Oracle):
             node = self._node_of[pe]
             may_come_later = epoch.contingency and pe not in self._wired
             if not epoch.has(node) and not may_come_later:
-                stories.append(f"epoch {epoch.number} runs modules on {pe}, which takes no part")
+                stories.append(f"epoch {epoch.number} runs modules on {pe}, which takes no part in that epoch")
             elif pe in self._wired and node not in epoch.staged:
-                stories.append(f"epoch {epoch.number} is activated, and {pe} has not staged it")
+                stories.append(f"epoch {epoch.number} was activated before {pe} reported it as staged")
         return stories
 
     def _illegal(self, epoch: Epoch, configuration: Configuration) -> list[str]:

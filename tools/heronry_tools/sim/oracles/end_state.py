@@ -1,16 +1,14 @@
-"""What must hold once nothing more is done to the aircraft: verified by the truth, the planner, and what is heard.
+"""The requirements on the aircraft once nothing more is done to it, given the true situation and the best plan for it.
 
-- Every healthy PE reports that it is ACTIVE, all of one epoch, within its heartbeat period. Healthy are those that run
-  and can reach the manager's bus.
-- The configuration that was activated last is legal in the true situation, and worth, in its first three levels (what
-  is critical, utility, inputs), no less than the best plan for it. (A device or a module that has failed need not be
-  known before it was reported and acknowledged, or declared by the operator. Where no PE is left, none can be told of
-  another.)
-- The phase that the manager sends (CONTROL, HOLDS) is the true one.
-- Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
-  for the true situation serves.
+- Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
+  it runs and can reach the manager's bus.
+- The configuration that was activated last is legal in the true situation. In levels 1 to 3 (criticality, utility,
+  inputs) its value is no less than that of the best plan. (A failed device or module counts only once its failure was
+  reported and acknowledged, or declared by the operator. Where no PE is left, no PE can run another configuration.)
+- The phase that the manager sends (CONTROL, HOLDS) is the true phase.
+- In each class A to D, the priorities of the functions that are heard add up to no less than the best plan's.
 
-All are verified again and again while a run settles, and count at its end.
+All are evaluated repeatedly while a run settles; the last result counts.
 """
 
 from collections.abc import Iterator
@@ -36,29 +34,33 @@ _VERIFIED_LEVELS = 6  # classes A to D, utility, inputs
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was seen: the PEs' last states, the outputs, the epoch that was activated last, the phase."""
+    """What was observed: last states of the PEs, outputs, the epoch that was activated last, the phase."""
 
     last: dict[tuple[str, int], LastState]
     witness: Witness
     current: Epoch | None
-    phase: str | None  # that was sent last
-    held: set[str]  # what was acknowledged or declared to have failed, and not cleared
+    phase: str | None  # the phase that the active manager sent last
+    held: set[str]  # elements whose failure was acknowledged or declared, and that were not cleared
 
 
 def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
-    """Give what is wrong now; nothing is, once a run has settled."""
+    """Give the requirements that are violated now; none may be once a run has settled."""
     stories = [
         *_unsettled(spec, truth, now_ns, seen.last),
         *_worse(spec, truth, seen.current),
         *_illegal(spec, truth, seen.current, seen.held),
-        *([("phase", f"the phase is {truth.phase}, and {seen.phase} is told")] if seen.phase != truth.phase else ()),
+        *(
+            [("phase", f"the phase is {truth.phase}, but the manager sends {seen.phase}")]
+            if seen.phase != truth.phase
+            else ()
+        ),
         *_unserved(spec, truth, now_ns, seen.witness),
     ]
     return [Violation(now_ns, rule, story) for rule, story in stories]
 
 
 def unnoticed_ns(spec: Spec) -> int:
-    """Longest time for which a PE or a function can be silent before any node takes it for silent."""
+    """Give the longest time for which a PE or a function can be silent before any node detects that."""
     beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
     outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
     slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())
@@ -73,7 +75,7 @@ def _unsettled(
         seen = last.get((spec.manager.bus, state_id(spec.pes[pe].node_id)))
         longest_ns = max(spec.buses[bus].heartbeat_ns for bus in spec.pes[pe].buses)
         if seen is None or now_ns - seen.t_ns > _PATIENCE_BEATS * longest_ns:
-            yield "active", f"{pe} is healthy, and silent"
+            yield "active", f"{pe} is healthy, but sends no state"
         elif seen.page.state is not PeState.ACTIVE:
             yield "active", f"{pe} is {seen.page.state.name} in epoch {seen.page.epoch}"
         else:
@@ -88,7 +90,7 @@ def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tupl
     is_worth = score(spec, truth, current.configuration, None).key()[:_VERIFIED_LEVELS]
     could_be = best_at_all(spec, truth).objective.key()[:_VERIFIED_LEVELS]
     if is_worth < could_be:
-        yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
+        yield "optimal", f"epoch {current.number} has value {is_worth}, but the best plan has {could_be}"
 
 
 def _illegal(spec: Spec, truth: Situation, current: Epoch | None, held: set[str]) -> Iterator[tuple[str, str]]:
@@ -107,7 +109,7 @@ def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> It
         worth = sum(spec.functions[name].priority_in(truth.phase) for name in heard)
         if worth < possible.objective.critical[index]:
             silent = [name for name in _served(possible) if name not in heard and name in {f.name for f in functions}]
-            yield "served", f"class {criticality}: {', '.join(silent)} could be served, and is not heard"
+            yield "served", f"class {criticality}: no output heard of {', '.join(silent)}, which could be served"
 
 
 def _served(plan: Plan) -> list[str]:

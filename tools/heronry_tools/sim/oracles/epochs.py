@@ -1,8 +1,8 @@
-"""One number, one configuration: epochs verified from the state frames alone.
+"""An epoch number stands for one configuration, and no PE goes back to an older epoch; verified from state frames.
 
-Every state frame that names an epoch names one digest with it, on every bus, for ever. Within an incarnation a PE's
-epoch never goes back; on the buses on which the PE itself sends, since a gateway hands on what it heard a moment ago,
-and may do so out of order. (From nothing to an epoch is forward.)
+On every bus and for the whole run, each state frame that names an epoch has the same digest with it. Within an
+incarnation the epoch of a PE never goes back. (A step from no epoch to an epoch is forward.) For that, only frames that
+the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
 
 The last state of each PE is kept for `end_state`.
 """
@@ -20,7 +20,7 @@ from heronry_wire.state_frames import StatePage0, StatePage1, decode_state, with
 
 @dataclass(slots=True)
 class LastState:
-    """Page 0 of a PE's state, and when it was heard; `meaning` are its bytes without the sequence."""
+    """Page 0 of a PE's state, and when it was heard; `meaning` is its bytes without the sequence number."""
 
     t_ns: int
     page: StatePage0
@@ -28,10 +28,10 @@ class LastState:
 
 
 class EpochCheck(Oracle):
-    """Follows the state frames."""
+    """Verifies the epochs and digests in state frames."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
-        """With a key state frames have a tag in the place of the digest, which the manager alone can verify."""
+        """has_digests: False in flights with a key, whose state frames have a tag instead of the digest."""
         self._has_digests = has_digests
         super().__init__()
         self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -39,7 +39,7 @@ class EpochCheck(Oracle):
         self._digests: dict[int, int] = {}
 
     def changed_page(self, sent: Sent) -> StatePage0 | StatePage1 | None:
-        """Follow a state frame; gives its page where that is not what its PE sent before."""
+        """Follow a state frame; give its page 1, or its page 0 if that differs from the one before; else None."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
         meaning = without_sequence(data)
@@ -57,7 +57,7 @@ class EpochCheck(Oracle):
         self.last[key] = LastState(sent.end_ns, page, meaning)
         has_digest = self._has_digests and page.epoch != NO_EPOCH
         if has_digest and self._digests.setdefault(page.epoch, page.digest) != page.digest:
-            story = f"{sent.sender} runs epoch {page.epoch} as {page.digest:06X}, others as another configuration"
+            story = f"{sent.sender} reports epoch {page.epoch} with digest {page.digest:06X}; it had another before"
             self.violations.append(Violation(sent.end_ns, "digest", story))
         return page
 

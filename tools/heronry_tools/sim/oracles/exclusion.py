@@ -1,23 +1,26 @@
-"""Break before make, verified from outside: nothing exclusive ever has two drivers.
+"""Break before make: nothing exclusive ever has two drivers.
 
-A *thing* is a DEMUX, an actuator that none stands before, or an identifier on one bus; its holder is the module and PE
-that moved it last (where a branch of a DEMUX has no device: that computed for it), or the node that sent it last. A
-holder may lose its thing to another one, and may get it back with a later handover. It must not drive it again after
-another one took over since the last handover: then both believed that they held it. Modules that drive in turn are
-found at the second turn, at the latest, whatever their rates are.
+A *thing* is exclusive: a DEMUX, an actuator without a DEMUX before it, or an identifier on one bus. The *holder* of an
+identifier is the node that sent it last. The holder of a DEMUX or actuator is the module and PE that moved it last; for
+a branch of a DEMUX without a device, that computed for it last. Another holder may take a thing over, and the first may
+get it back with a later handover. Without a handover in between, the first must not drive the thing again: then two
+holders have driven at one time. The oracle detects two modules that drive in turn at the second turn, whatever their
+rates are.
 
-A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch of its term heard on the
-manager's bus. What a term begins with may be any other epoch than the last: a manager that has lost its journal may
-begin with an older number, and where a higher term falls silent the one before goes on with its own. BREAK is none:
-until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time when BREAK
-is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
+A *handover* is a GO, or the GO_ALL that follows it for what had to wait, of the newest epoch of its term. The first
+epoch of a term may have any number: a manager without its journal may begin with an older one, and where a higher term
+falls silent the term before continues with its own. BREAK is no handover. Until GO every thing belongs to the epoch
+before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its controller).
 
-Where no manager has been active for T_lease, and the other holder was not heard for as long, that one may have let go
-by itself, and a holder from before may drive again. If it had not, it is seen driving again after that.
+A holder may also have let go by itself. That is possible where no manager has been active for T_lease, and the PE of
+that holder was not heard for as long. Then the holder before it may drive again. If the silent holder has not let go,
+the oracle detects that when that holder drives next.
 
-Not verified: what a PE drives within T_lease of a stranger's ALIVE that names it. Sent again, an ALIVE is as good as
-new to a PE that was cut off when it was sent first. And the manager does not wait for a PE in whose name a stranger has
-sent that it started anew, though it may only be unheard (docs/limits.md).
+Not verified is what a PE drives within T_lease of one of these frames of a foreign node:
+
+- an ALIVE that names the PE. A repeated ALIVE is valid for a PE that was cut off when the ALIVE was sent first;
+- a state in the name of the PE, which shows a restart. The manager then does not wait for the PE, though the PE may
+  still run unheard (docs/limits.md).
 """
 
 from collections.abc import Iterable
@@ -35,7 +38,7 @@ _Holder = tuple[str, str]
 
 
 class ExclusionCheck(Oracle):
-    """Follows what each PE drives."""
+    """Follows the drivers of every exclusive thing."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -43,33 +46,33 @@ class ExclusionCheck(Oracle):
         self._moving = frozenset(self._thing_of)
         for demux in spec.demuxes.values():
             self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
-        self._epoch, self._step = 0, Step.PREPARED  # the one that may begin to drive, and how far it has got
+        self._epoch, self._step = 0, Step.PREPARED  # the newest epoch, and its last step
         self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
-        self._handover = 0  # counts up
+        self._handover = 0  # number of handovers so far
         self._holders: dict[_Thing, _Holder] = {}
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._leased_ns = 0  # when a manager was heard last
-        self._spoke_ns: dict[str, int] = {}  # when each PE was
-        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE, or sent in its name
-        self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
+        self._spoke_ns: dict[str, int] = {}  # when each PE was heard last
+        self._misled_ns: dict[str, int] = {}  # when a foreign node has named each PE, or sent in its name
+        self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """A LEASE was heard."""
+        """Note that a manager was heard."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """A PE has sent its state."""
+        """Note that a PE was heard."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """A stranger has sent an ALIVE that names these PEs, or a state of one."""
+        """Note that a foreign node has named these PEs in an ALIVE, or sent a state in the name of one."""
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """A manager was heard: it may have let an epoch go."""
+        """Count a handover: a GO or GO_ALL of the newest epoch of its term."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
-        is_first = message.term not in self._last  # of its term
+        is_first = message.term not in self._last  # the first epoch of its term
         epoch, step = self._last.get(message.term, (self._epoch, self._step))
         is_newest = is_first or is_newer(message.epoch, epoch)
         is_handover = message.step > step if message.epoch == epoch else is_newest
@@ -79,16 +82,16 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """A PE lets the device of a module move."""
+        """Note that a PE has allowed the device of a module to move."""
         self._follow(moved.t_ns, self._thing_of[moved.module], (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """A module was stepped that drives: if it has no device, its values are all that there is to see."""
+        """Note a step of a module that drives: without a device, its values are the only sign that it drives."""
         if driven.module not in self._moving:
             self._follow(driven.t_ns, self._thing_of[driven.module], (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Note the sender of an exclusive identifier."""
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):
             self._follow(sent.end_ns, thing, (sent.sender, ""))
@@ -109,7 +112,7 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether neither a manager nor this holder is heard: its PE hears no node then, or it drives again."""
+        """Tell whether a holder may have let go: neither a manager nor the holder's PE was heard for T_lease."""
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))
         return t_ns - heard_ns > self._lease_ns

@@ -1,7 +1,8 @@
-"""Frames on their way to the oracles: one look-up by identifier, each frame decoded once, and told to its listeners.
+"""Passes the frames on a run's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
-A state or a command is told where it differs from the one before. Which manager's commands count is for `terms` to say:
-what others send is kept apart (`commanded`), and told to no oracle. What a stranger sends is told as just that.
+States and commands are passed on only where they differ from the one before. `terms` decides which manager is active;
+the commands of other managers are kept apart (`commanded`) and passed to no oracle. Frames of foreign nodes are passed
+only to `misled`.
 """
 
 from collections.abc import Callable, Collection
@@ -43,14 +44,14 @@ _COMMANDS = (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Co
 
 
 class FrameWatch:
-    """Watches all buses of one run."""
+    """Passes the frames on all buses of one run to the oracles."""
 
     def __init__(self, known: Known, oracles: Collection[Oracle]) -> None:
-        """Tell these oracles; what they share is followed here."""
+        """Pass frames to these oracles, and keep the facts in `known` up to date."""
         self._known, self._bus = known, known.spec.manager.bus
         self._of = {hook: listeners(oracles, hook) for hook in _HEARD}
         self._of_data = self._of["published"]
-        self._term = 0  # the highest that was heard
+        self._term = 0  # the highest term heard
         self._last_commands: dict[int, bytes] = {}
         self._node_of_state = {state_id(node): node for node in PE_NODES}
         self._node_of_emcy = {emcy_id(node): node for node in PE_NODES}
@@ -158,7 +159,7 @@ class FrameWatch:
     def _new_command(self, manager: int, message: ManagementMessage, sent: Sent) -> None:
         known = self._known
         if known.proven is not None and isinstance(message, Control):
-            known.proven.commanded(manager, message)  # it may open a session, from whichever manager it comes
+            known.proven.commanded(manager, message)  # a WELCOME of any manager opens a session
         if not known.terms.follow_command(sent.end_ns, manager, message, sent.sender):
             known.commanded.take(sent.end_ns, message, is_active=False)
             return
@@ -190,10 +191,10 @@ class FrameWatch:
         if sent.bus == self._bus:
             self._known.terms.tagged(sent.end_ns, sent.sender)
 
-    # What strangers send
+    # What foreign nodes send
 
     def _misled(self, sent: Sent) -> None:
-        """A stranger names available PEs, or sends a state in the name of a PE, which with a key no node believes."""
+        """Report a foreign node's ALIVE, or its state in the name of a PE; with a key no node believes such a state."""
         can_id = sent.frame.can_id
         nodes: Collection[int] = ()
         if can_id in self._alive_ids:

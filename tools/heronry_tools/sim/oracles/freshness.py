@@ -1,14 +1,14 @@
-"""No module is given what is old or foreign: its inputs, against the frames on the bus.
+"""No module is given a datum that is old, or that its producer has not sent; verified against the frames on the bus.
 
-Of modules that drive an actuator every step is verified, of all others one in some (`nodes`). A module is stepped with
-the data that its PE held for fresh when it requested the step; what may pass until a slow processor comes to that step
-is bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration of the PE's epoch wires to
-another PE there must have been a frame of that very producer's node on one of the PE's buses within three of the
-longest periods of its source; and the value must be that of one of these frames, and of no other node's ("foreign").
-Whatever the PE believes about ages and origins, the bus knows.
+For every input that the PE's epoch wires to another PE, the producer's node must have sent a frame on one of the PE's
+buses within three periods of the source (the longest of its modes). The value given to the module must be that of one
+of these frames; else the input is *foreign*. Ages count back from the moment at which the PE requested the step. How
+long a slow processor may take to begin the step is limited elsewhere (`until_ns`, at most T_lease).
 
-Not verified: an input that stays on its PE, one whose variable has an initial value, and anything between the
-activation of an epoch and the first moments in which the PE's state frames show that it follows.
+Every step of a module that drives an actuator is verified, and a sample of the steps of all others (`nodes`).
+
+Not verified: an input from the same PE, a variable with an initial value, and the time from the activation of an epoch
+until the PE's state frames show that it follows this epoch.
 """
 
 from collections import deque
@@ -25,13 +25,13 @@ from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.canaerospace import decode_data, node_of
 from heronry_wire.frame import Frame, Malformed
 
-_MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
-_SLACK_NS = 2_000_000  # for a clock that is fast
+_MORE = 8  # frames kept beyond those of three periods: frames bunch up after a delay
+_SLACK_NS = 2_000_000  # added to the age limit: the PE's clock may run slow
 _UNTOLD_NS = 50_000_000
 
 
 class FreshnessCheck(Oracle):
-    """Follows data frames and what modules are given."""
+    """Compares the inputs given to modules with the data frames on the buses."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -40,11 +40,11 @@ class FreshnessCheck(Oracle):
         self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
         self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
-        self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
+        self._epochs: dict[int, tuple[int, int]] = {}  # by node: the epoch that it reports, and since when (ns)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Keep a data frame, with the others of its source."""
         frame = sent.frame
         most = self._remembered.get(frame.can_id)
         node = node_of(frame.data)
@@ -57,17 +57,17 @@ class FreshnessCheck(Oracle):
         last.append((sent.end_ns, frame))
 
     def told(self, state: StateSaid) -> None:
-        """Follow which epoch a PE reports."""
+        """Note the epoch that a PE reports."""
         node, epoch = state.node, state.page.epoch
         if self._epochs.get(node, (None,))[0] != epoch:
             self._epochs[node] = (epoch, state.t_ns)
 
     def looked(self, stepped: Driven) -> None:
-        """A module that does not drive was stepped with these inputs."""
+        """Verify the inputs of a module that drives no output."""
         self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
-        """A module was stepped with these inputs."""
+        """Verify the inputs of a module that was stepped."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
@@ -107,18 +107,18 @@ def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
 
 
 def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
-    """How long a datum of a source is fresh, in its slowest mode."""
+    """Give the age (ns) up to which a datum of a source is fresh, in its slowest mode."""
     return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
 
 
 def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
-    """How many frames of a source there may be that are fresh: its slowest mode says how long, its fastest how many."""
+    """Give the largest number of fresh frames of a source: sent at its highest rate, fresh as at its lowest."""
     rates = _rates_mhz(spec, producer, variable)
     return FRESH_PERIODS * max(rates) // min(rates) + _MORE
 
 
 def _said(last: deque[tuple[int, Frame]], since_ns: int, value: Value) -> bool:
-    """Tell whether some frame since then carries a value; the newest one mostly does."""
+    """Tell whether a frame since `since_ns` carries this value; the newest mostly does, so the search begins there."""
     return any(t_ns >= since_ns and _says(frame, value) for t_ns, frame in reversed(last))
 
 
@@ -127,4 +127,4 @@ def _says(frame: Frame, value: Value) -> bool:
     if isinstance(decoded, Malformed):
         return False
     said = 0 if decoded.value is None else decoded.value
-    return said == value or repr(said) == repr(value)  # NaN equals nothing, and may have been said
+    return said == value or repr(said) == repr(value)  # NaN is not equal to itself, so it is compared as text

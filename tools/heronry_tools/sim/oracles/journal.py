@@ -1,26 +1,26 @@
-"""A manager's journal, read back, is what its frames show: at every moment at which they show something new.
+"""The journal on a manager's disk agrees with what that manager sends, at each moment at which it sends something new.
 
-A manager that restarts knows no more than the bytes on its disk. They are read again as that manager would
-(`recovered`), and compared with what it has sent, in that mastership:
+A manager that restarts knows only the bytes on its disk. The oracle reads them as that manager would (`recovered`), and
+compares them with the manager's frames in the present mastership:
 
-    term         a frame that names a term: the journal has it, or a higher one. A term that is not on the disk before
-                 it is used might be used twice
-    epochs       a PREPARE of a number that no manager has prepared before, and that is not what this manager has
-                 adopted: it lies within what is reserved
-    what runs    a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
-    phase        HOLDS of a phase: it is that one
-    faults       HOLDS of an element: it is latched; CLEAR: it is not
+    term         for a frame that names a term: the journal has this term or a higher one. A term that is used before it
+                 is on the disk might be used twice
+    epochs       for a PREPARE with a number that no manager has prepared before, and that this manager has not adopted:
+                 the number lies within the reserved block
+    what runs    for a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
+    phase        for HOLDS of a phase: the journal has this phase
+    faults       for HOLDS of an element: the journal has the element as latched; for CLEAR: not as latched
 
-When a manager has died (`died`) the numbers are compared again, with what a power cut has left: they were synced before
-they were used. Facts may go with the power.
+When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
+numbers are synced before they are used. Phase and faults need not survive a power cut.
 
-A manager that is started on a copy of another one's disk (`copied`) answers for what that one has sent until then, and
-for nothing that was sent before on the disk that it had at another time.
+A manager that is started on a copy of another manager's disk (`manager_copied`) must also agree with what that manager
+has sent until then. What was sent from its own earlier disk no longer matters.
 
-Not verified: a disk that takes nothing (the caller gives no bytes), a manager that only follows and has sent nothing
-yet, and what a deposed manager sends (the caller tells nothing of it). A frame that waited may be older than the
-journal: an epoch is then older, and not another; a phase and a fault are as the journal had them when it was last read,
-or in one of the last records that are there.
+Not verified: a disk that accepts no write (the caller gives no bytes), a standby manager that has sent nothing yet, and
+the frames of a deposed manager (the caller does not report them). A frame may have waited since before the last write.
+So an epoch in the journal may be newer than the one in the frame, and a phase or fault may be as in the journal that
+was read last, or as in one of its last records.
 """
 
 from collections.abc import Callable
@@ -46,14 +46,14 @@ from heronry_wire.management import (
     is_newer,
 )
 
-_WAITED = 8 * 3  # lines of records that may be written while a frame waits: both copies, and an empty one
-_FIRST_PHASE_NS = 1_000_000_000  # for which a frame may wait that names it
-Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager; None where nothing is promised of them
+_WAITED = 8 * 3  # lines that may be written while a frame waits: each record takes two copies and an empty line
+_FIRST_PHASE_NS = 1_000_000_000  # for which a frame that names the first phase may wait
+Read = Callable[[str], bytes | None]  # bytes on the disk of a station's manager; None where they must not be verified
 
 
 @dataclass(slots=True)
 class _Said:
-    """What one manager has sent, over all its masterships."""
+    """Numbers that one manager has sent, over all its masterships."""
 
     term: int = 0
     prepared: int = NO_EPOCH
@@ -61,7 +61,7 @@ class _Said:
 
 
 class JournalCheck(Oracle):
-    """Compares what managers send with what they have written."""
+    """Compares the frames of each manager with its journal."""
 
     def __init__(self, spec: Spec, read: Read) -> None:
         super().__init__()
@@ -69,12 +69,12 @@ class JournalCheck(Oracle):
         self._names = elements_by_kind(spec)
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
-        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first, "" on a former disk
-        self._none_entered_ns: dict[str, int] = {}  # by station: when its journal named no phase yet, last
+        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first; "": from a former disk
+        self._none_entered_ns: dict[str, int] = {}  # by station: the last time when its journal named no phase
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: bytes on its disk, and what they hold
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
-        """A manager, known by its station, was heard."""
+        """Verify a command of the manager at a station."""
         if isinstance(message, SliceHead | SliceBody):
             return
         said = self._said.setdefault(station, _Said())
@@ -92,12 +92,12 @@ class JournalCheck(Oracle):
             self._tell(t_ns, station, _numbers(said, memory) + facts)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A twin of a manager is about to start, with a copy of that one's disk."""
+        """A second manager is about to start at station `twin`, with a copy of the journal of `station`."""
         self._said[twin] = replace(self._said.get(station, _Said()))
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
     def manager_died(self, t_ns: int, station: str) -> None:
-        """A manager has died; what it finds when it starts again is on its disk now."""
+        """Verify the numbers on the disk of a manager that has died."""
         said, memory = self._said.get(station), self._memory(station)
         if said is not None and memory is not None:
             self._tell(t_ns, station, _numbers(said, memory))
@@ -113,17 +113,17 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether what a manager sends with HOLDS was so a few records ago."""
+        """Tell whether the journal of a few records ago agrees with a HOLDS."""
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
         lately = (recovered(b"".join(lines[:end]))[0] for end in range(max(1, len(lines) - _WAITED), len(lines)))
-        if message.a == ElementKind.PHASE:  # of a journal that was written anew the first lines name none
+        if message.a == ElementKind.PHASE:  # the first lines of a rewritten journal name no phase
             return any(memory.phase == self._phases[message.b] for memory in lately)
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether HOLDS names the first phase, which has no record, and no other was entered lately."""
+        """Tell whether HOLDS names the first phase, which has no record, and was sent before another was entered."""
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
 
@@ -131,11 +131,11 @@ class JournalCheck(Oracle):
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
 
     def _is_first(self, epoch: int, manager: str) -> bool:
-        """Note that a manager prepares an epoch; tells whether it was the first to do so."""
+        """Note that a manager prepares an epoch; tells whether no other manager did so before."""
         return self._prepared.setdefault(epoch, manager) == manager
 
     def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Note a command; tells whether it shows anything new."""
+        """Note a command; tells whether it names anything new that the journal must have."""
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch
@@ -155,22 +155,22 @@ class JournalCheck(Oracle):
                     is_newer(runs.epoch, epoch) or (runs.epoch, runs.digest) == (epoch, digest)
                 )
                 if not is_known:
-                    return [f"sends that epoch {epoch} runs, and its journal has {runs}"]
+                    return [f"sends that epoch {epoch} runs, but its journal has {runs}"]
             case Control(_, _, Operation.HOLDS, ElementKind.PHASE, index):
                 if memory.phase not in (None, self._phases[index]):
-                    return [f"holds phase {self._phases[index]}, and its journal has {memory.phase}"]
+                    return [f"sends phase {self._phases[index]}, but its journal has {memory.phase}"]
             case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
                 element = self._names[ElementKind(kind)][index]
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
-                    return [f"sends {operation.name} of {element}, and its journal has {sorted(memory.latched)}"]
+                    return [f"sends {operation.name} of {element}, but its journal latches {sorted(memory.latched)}"]
         return []
 
 
 def _numbers(said: _Said, memory: Memory) -> list[str]:
-    """What is wrong with the numbers: none may be used that is not on the disk."""
+    """Describe each number that was used before it was on the disk."""
     stories = []
     if memory.term < said.term:
-        stories.append(f"has used term {said.term}, and its journal has {memory.term}")
+        stories.append(f"has used term {said.term}, but its journal has {memory.term}")
     if said.prepared != NO_EPOCH and is_newer(said.prepared, memory.reserved.get(EPOCHS, NO_EPOCH)):
-        stories.append(f"has prepared epoch {said.prepared}, and has reserved {memory.reserved.get(EPOCHS)}")
+        stories.append(f"has prepared epoch {said.prepared}, but the highest reserved is {memory.reserved.get(EPOCHS)}")
     return stories

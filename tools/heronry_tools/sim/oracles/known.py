@@ -1,7 +1,7 @@
-"""What the oracles of one run share: what was commanded, the available PEs, the active manager, and the phase.
+"""Facts that several oracles of one run use: commanded epochs, available PEs, the active manager, the phase.
 
-Everything here is followed from frames alone. Some of it is followed by oracles that other oracles use: they are made
-here, and stand in the `registry` with all others.
+All facts are derived from frames alone. Some are derived by oracles; these oracles are created here, and also stand in
+`registry`.
 """
 
 from collections.abc import Collection
@@ -24,10 +24,10 @@ from heronry_wire.pe_table import PeTable
 
 
 class Known:
-    """What is known of one run."""
+    """Facts about one run, and the oracles that derive some of them."""
 
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
-        """tables, key, read_journal: as `Checks` says."""
+        """tables, key, read_journal: see `Checks`."""
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
         self.proven = None if key is None else ProvenStates(key)

@@ -1,6 +1,7 @@
-"""Limits that are promised, as the oracles know them: their own numbers, so that a core with others is found out.
+"""The limits that docs/protocol.md promises under "Times", repeated for the oracles.
 
-They are those of docs/protocol.md, "Times". A change there must be made here, too: a test compares them.
+The oracles do not import these numbers from the cores, so that they detect a core that uses other numbers. A change in
+docs/protocol.md must be made here, too: a test compares both.
 """
 
 LEASE_PERIODS = 5
@@ -13,23 +14,23 @@ START_UP_WINDOW_NS = 5_000_000_000
 """Longest time for which a new mastership waits for PEs that were never heard."""
 
 PATIENCE_PERIODS = 25
-"""Heartbeat periods after which a PE that has not acknowledged is failed."""
+"""Heartbeat periods after which the manager fails a PE that has not acknowledged a command."""
 
 FRESH_PERIODS = 3
-"""Periods of its source after which a datum is absent."""
+"""Age, in periods of its source, at which a datum counts as absent."""
 
 HOLD_DOWN_PERIODS = 10
-"""Heartbeat periods for which a PE that is heard again is not available; after each loss twice as many."""
+"""Heartbeat periods of a PE's first hold-down; each loss doubles the next hold-down."""
 
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
 FORGIVEN_AFTER_NS = 60_000_000_000
-"""Time after which the losses of a PE that has been available throughout are forgotten."""
+"""Time for which a PE must be available without a gap until its losses are forgotten."""
 
 RADIO_WINDOW_PERIODS = 10
-"""Heartbeat periods of a radio over which its gateway measures it."""
+"""Length of the window in which a gateway measures its radio, in heartbeat periods of the radio."""
 
 RADIO_DOUBLINGS = 2
-"""How often the hold-down of a radio that gives more again is doubled, at most."""
+"""How often, at most, the hold-down of a radio whose bandwidth rises again is doubled."""
 
 RADIO_STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)
-"""Shares of a radio's bit rate that are planned with, per mille."""
+"""Shares of a radio's bit rate that a manager may plan with, per mille."""

@@ -1,22 +1,20 @@
-"""How long an aircraft that is left alone may take until all is well: the bound of the second half of a flight.
+"""The bound on the time in which an aircraft must converge once nothing more is done to it.
 
-From the moment at which nothing more is done to it (`bound_ns`), one after the other and each at its longest:
+`bound_ns` counts from the last fault. It adds up these times, each at its longest:
 
-    controllers     a bus-off controller is started again, and what was queued for T_lease is sent
-    a manager       one that has just been started listens for T_lease, and its start-up window is open for PEs that
-                    will never be heard
-    an old epoch    one that was under way is abandoned when a PE has kept it waiting for all its patience
-    the way back    a PE starts and speaks, and is held down; after each loss for twice as long, up to a minute. How
-                    often it was lost is read from ALIVE, which names the available PEs: losses that lie further
-                    back than a minute of availability are forgotten; a new mastership may remember the others, and
-                    each mastership's end may be one, for a manager that has lost all PEs sends nothing more. One
-                    more loss may follow from what was done last
-    radios          what is measured of one is ten periods old, and more bandwidth is believed after a hold-down, in two
-                    steps at most: the first while the measure still rises
-    new epochs      one for each of the last changes, `_LAST_EPOCHS` times a quarter of the patience, and the time that
-                    silence goes unnoticed
+    controllers     the restart of a bus-off controller, and the sending of what was queued for T_lease
+    a manager       T_lease, for which a manager that has just started listens, and its start-up window, in which it
+                    waits for PEs that will never be heard
+    an old epoch    one patience: an epoch that is under way is abandoned when one PE has not answered for so long
+    the way back    the start of a PE and its hold-down, which doubles after each loss, up to a minute. The losses are
+                    counted from ALIVE, which names the available PEs, and are forgotten after a minute of availability.
+                    The end of a mastership counts as a loss of each PE: a manager that has lost all PEs sends no more,
+                    and a new manager may remember older losses. One more loss may follow from the last fault
+    radios          the window of a measurement (ten periods), and two hold-downs: the first measure may still be rising
+    new epochs      one epoch for each of the last changes (`_LAST_EPOCHS` times a quarter of the patience), and the
+                    time for which silence goes unnoticed
 
-So the bound is long only where a PE has been lost again and again (quarantine).
+So the bound is long only where a PE was lost again and again (quarantine).
 """
 
 from heronry_dg.model import Spec
@@ -39,7 +37,7 @@ _LAST_EPOCHS = 4
 
 
 class Losses:
-    """How often each PE was lost, as the ALIVE frames of the active manager show."""
+    """Counts the losses of each PE, as the ALIVE frames of the active manager show them."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -49,16 +47,16 @@ class Losses:
         radio_periods = RADIO_WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << RADIO_DOUBLINGS)
         self._radios_ns = radio_periods * max(periods_ns, default=0)
         self._mastership = ActiveTerm(spec)
-        self._available: dict[str, int] = {}  # and since when
+        self._available: dict[str, int] = {}  # PEs that ALIVE names, and since when (ns)
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """Follow an ALIVE; of two managers at once the active one counts."""
+        """Follow an ALIVE; one of a manager that is not active is ignored."""
         before = self._mastership.number
         if not self._mastership.named(t_ns, message.term):
             return
         named = {self._names[node] for node in message.nodes if node in self._names}
-        still = named if message.term == before else frozenset()  # a new mastership finds the available PEs by itself
+        still = named if message.term == before else frozenset()  # a new mastership may not know the PEs' losses
         for pe in self._available.keys() - still:
             forgiven = t_ns - self._available.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
@@ -67,11 +65,11 @@ class Losses:
 
     @property
     def available(self) -> frozenset[str]:
-        """PEs that the last ALIVE named."""
+        """PEs that the last ALIVE of the active manager named."""
         return frozenset(self._available)
 
     def bound_ns(self) -> int:
-        """Longest time from now on until all is well, if nothing more is done."""
+        """Give the longest time from now until the aircraft must have converged, if nothing more is done to it."""
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(
             min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)

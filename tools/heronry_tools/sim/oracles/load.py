@@ -1,8 +1,8 @@
-"""The data on a bus stay within its budget: second by second, from the frames alone (`oracles.transitions`: at once).
+"""The data on each bus stay within the bus's budget, second by second, as the frames show.
 
-What the spec's nodes publish may take `max_load` less `reserve` of the bit rate. Real frames are shorter than the worst
-case that the plan counts, so the budget is only reached where something is published that no plan provides; a quarter
-more is tolerated, since a node whose wire was mended sends in one go what it could not send for T_lease.
+Data of the spec's nodes may take `max_load` minus `reserve` of the bit rate. Here each frame counts with its worst-case
+length. A quarter more than the budget is tolerated: a node whose wire was mended sends at once what has queued up for
+T_lease. (`transitions` verifies the budget at each moment of a reconfiguration.)
 """
 
 from heronry_dg.model import Spec
@@ -16,7 +16,7 @@ _TOLERANCE = 1.25
 
 
 class LoadCheck(Oracle):
-    """Adds up the bits of data frames."""
+    """Adds up the bits of data frames on each bus."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -28,7 +28,7 @@ class LoadCheck(Oracle):
         self._worst = [worst_bits(size) for size in range(9)]
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Count a data frame."""
         window = sent.end_ns // _WINDOW_NS
         if window != self._window:
             self._close(sent.end_ns)
@@ -38,6 +38,6 @@ class LoadCheck(Oracle):
     def _close(self, t_ns: int) -> None:
         for bus, bits in self._bits.items():
             if bits > self._budget[bus]:
-                story = f"{bus} carried {bits} bits of data in a second, and its budget is {self._budget[bus]:.0f}"
+                story = f"{bus} carried {bits} bits of data in a second, but its budget is {self._budget[bus]:.0f} bits"
                 self.violations.append(Violation(t_ns, "load", story))
             self._bits[bus] = 0

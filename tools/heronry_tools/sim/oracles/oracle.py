@@ -1,10 +1,10 @@
-"""What an oracle of a run is: a small class that is told what happens and finds what must not be.
+"""The interface of an oracle: it observes one run and records every violation of one requirement.
 
-An oracle overrides the methods of what it wants to be told, and keeps what it has found in `violations`. The listeners
-of each method are worked out once (`listeners`), so an oracle costs nothing for what it does not override. An oracle
-asks no core, and changes nothing.
+An oracle overrides the methods below for the events that it needs, and appends what it finds to `violations`.
+`listeners` determines once which oracles override a method, so an oracle costs nothing for all other events. An oracle
+calls no core and changes nothing in the run.
 
-To add one: write its class, and name it in `registry`.
+To add an oracle, write its class and add the class to `registry`.
 """
 
 from collections.abc import Iterable
@@ -22,17 +22,17 @@ from heronry_wire.state_frames import StatePage0
 
 
 class StateSaid(NamedTuple):
-    """Page 0 of a state, where it differs from the one before."""
+    """Page 0 of a PE's state, reported to the oracles where it differs from the PE's page 0 before."""
 
     t_ns: int
     bus: str
     node: int
-    pe: str  # whose node-ID it is
+    pe: str  # the PE with this node-ID
     page: StatePage0
 
 
 class Oracle:
-    """An oracle that listens to nothing, and has found nothing yet."""
+    """An oracle that overrides no method and has no violations yet."""
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []
@@ -40,65 +40,65 @@ class Oracle:
     # Frames
 
     def seen(self, sent: Sent) -> None:
-        """A frame was sent, on any bus, by any node."""
+        """Any node has sent a frame on any bus."""
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent, on any bus."""
+        """A node has sent a data frame on any bus."""
 
     def copied(self, copy: Copy) -> None:
-        """A node has been brought a copy of a frame on a replicated bus."""
+        """A channel of a replicated bus has delivered a copy of a frame to a node."""
 
     def carried(self, channel: int, sent: Sent) -> None:
         """A channel of a replicated bus, 0 or 1, has carried a frame."""
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """A stranger has sent an ALIVE that names these PEs, or a state of one that would be believed."""
+        """A foreign node has sent an ALIVE that names these PEs, or a state frame that passes for one of theirs."""
 
     # What PEs send
 
     def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
-        """A state frame was on the managers' bus, whether it differs from the one before or not."""
+        """A PE has sent a state frame on the managers' bus, even if the frame equals the PE's state frame before."""
 
     def ran(self, t_ns: int) -> None:
-        """A PE has reported on the managers' bus that it runs something."""
+        """A PE has reported on the managers' bus that it runs a module."""
 
     def said(self, state: StateSaid) -> None:
-        """A PE has sent its state itself, on any of its buses."""
+        """A PE itself, not a gateway, has sent its state on any of its buses."""
 
     def told(self, state: StateSaid) -> None:
-        """A PE's state was on the managers' bus, sent by itself or by a gateway."""
+        """A PE's state was on the managers' bus; the PE itself or a gateway has sent it."""
 
     def emergency(self, sent: Sent, pe: str, message: Emergency | Malformed) -> None:
-        """A PE has sent an EMCY itself, on any of its buses."""
+        """A PE itself, not a gateway, has sent an EMCY on any of its buses."""
 
     def handed_on(self, sent: Sent) -> None:
-        """A gateway has handed on an EMCY of another PE."""
+        """A gateway has forwarded an EMCY of another PE."""
 
     def requested(self, node: int, message: Emergency) -> None:
-        """A PE has requested a phase, on the managers' bus."""
+        """A PE has requested a mission phase on the managers' bus."""
 
     def measured(self, sent: Sent) -> None:
-        """A gateway has reported on its radio, on the managers' bus."""
+        """A gateway has reported the bandwidth of its radio on the managers' bus."""
 
     # What managers send
 
     def manager_heard(self, t_ns: int) -> None:
-        """A command or an ALIVE was on the managers' bus, from any manager."""
+        """Any manager has sent a command or an ALIVE on the managers' bus."""
 
     def leased(self, t_ns: int) -> None:
-        """A LEASE was on the managers' bus, from any manager."""
+        """Any manager has sent a LEASE on the managers' bus."""
 
     def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
         """The active manager, at this station, has sent a new command."""
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """An epoch has been activated, and put together again, or cannot be."""
+        """An epoch's first ACTIVATE was sent, and its configuration was read back from the frames or cannot be."""
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """The active manager has sent an ALIVE: these PEs are available."""
+        """The active manager has sent an ALIVE that names these PEs as available."""
 
     def began(self, t_ns: int) -> None:
-        """A term was heard of that is higher than all before; before its first `alive`."""
+        """An ALIVE names a term higher than any before; called before the first `alive` of that term."""
 
     def entered(self, t_ns: int, phase: str | None) -> None:
         """A mission phase has begun."""
@@ -106,45 +106,48 @@ class Oracle:
     # What modules do
 
     def moved(self, moved: Moved) -> None:
-        """A PE lets the device of a module move."""
+        """A PE has allowed the device of a module to move."""
 
     def driven(self, driven: Driven) -> None:
-        """A module was stepped that drives."""
+        """A module that drives an output was stepped."""
 
     def looked(self, stepped: Driven) -> None:
-        """A module was stepped that does not drive, and the simulator recorded its inputs."""
+        """A module that drives no output was stepped, and the simulator recorded its inputs."""
 
-    # What is done to the aircraft, told by the code that does it
+    # What is done to the aircraft, reported by the code that does it
 
     def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
-        """A bus is broken in the middle, or whole again."""
+        """A bus has broken in the middle (`is_split`), or was mended."""
 
     def altered(self) -> None:
-        """Data are changed past the CRC from now on."""
+        """From now on data frames are altered in a way that their CRC does not detect."""
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A manager is about to be started once more, elsewhere, with a copy of its journal."""
+        """A second manager is about to start at station `twin`, with a copy of the journal of `station`."""
 
     def manager_died(self, t_ns: int, station: str) -> None:
-        """A manager has died, and left its journal."""
+        """The manager at this station has died; its journal remains on its disk."""
 
     def may_count_again(self) -> None:
-        """From now on a manager may use numbers of commands that were used in its term already."""
+        """From now on a manager may reuse command numbers of its present term."""
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin with less than was known of the phase."""
+        """From now on a manager may begin its mastership without all that was known of the phase."""
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator has ordered a phase, and the manager has accepted that in a term."""
+        """The operator has ordered a phase, and the manager has accepted the order in this term."""
 
     def failed(self, t_ns: int, element: str) -> None:
-        """A manager takes an element for failed, since the operator has declared it."""
+        """A manager treats an element as failed because the operator has declared it failed."""
 
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
-        """The operator has cleared an element that counted as down by `truth`; not everywhere: one manager knows."""
+        """The operator has cleared an element.
+
+        truth: the real situation just before. everywhere: False where only one manager knows of the order.
+        """
 
 
 def listeners(oracles: Iterable[Oracle], hook: str) -> tuple[Oracle, ...]:
-    """Oracles that override the method of this name: it needs to be called on them alone."""
+    """Give the oracles that override the method of this name; no other oracle needs the call."""
     unheard = getattr(Oracle, hook)
     return tuple(one for one in oracles if getattr(type(one), hook) is not unheard)

@@ -1,25 +1,25 @@
-"""The mission phase, verified from orders and frames: it is what was requested last, and no other is sent.
+"""The mission phase that the manager sends is the one that was requested last; verified from orders and frames.
 
-A phase counts as requested when the manager has accepted the operator's order for it, or when a PE has requested it
-(EMCY, PHASE_REQUEST) and the active manager has acknowledged the request or sends that phase. A request carries a
-number. A request that is acknowledged twice counts once. One that is acknowledged after a later one of the same PE does
-not count; a PE that starts anew counts its requests anew. A request that is *forward only* never leads to an earlier
-phase.
+A phase counts as requested in two cases: the manager has accepted the operator's order for it; or a PE has requested it
+(EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each request of a PE has
+a number. A request counts once, even if it is acknowledged twice. It does not count if a later request of the same PE
+was acknowledged before. A PE that restarts begins again with its numbers. A *forward only* request never leads to an
+earlier phase.
 
-The phase that is *told* is the one that HOLDS names. For a moment that may be the phase that was just left. If a PE
-requests that phase, HOLDS alone does not make the request count then: the manager must acknowledge it too. Such an
-acknowledgement may have been sent before an operator's order and be heard after it: then the ordered phase counts again
-as soon as it is told.
+The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
+PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
+it, too. An acknowledgement may also have been sent before an operator's order and be heard after it. Then the ordered
+phase counts again as soon as HOLDS names it.
 
-A new mastership knows what its manager remembers or has heard as a standby manager, and may have heard a request that
-the previous manager did not acknowledge before it failed. The phase that it tells first is the true one from then on.
-Where one manager flies and its journal is intact, that must be the phase as it was, or one that is still requested.
-Otherwise it may also be a phase that was left before, and a request that was acknowledged in an earlier term may count
-again, if that mastership tells its phase.
+A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
+that the previous manager did not acknowledge before it failed. The first phase that it sends is the true one from then
+on. With one manager and an intact journal, that phase must be the phase before, or one that is still requested.
+Otherwise it may also be an earlier phase. A request that was acknowledged in an earlier term may then count again, if
+the new mastership sends its phase.
 
 A manager that has begun a higher term, and was not heard for a while, need not know what a deposed manager has
-acknowledged meanwhile: no PE has accepted that. A manager that goes on in a lower term, because it hears no node, need
-not know the phase of a higher term whose manager has fallen silent; what it tells has no effect.
+acknowledged meanwhile: no PE has accepted that. A manager that continues in a lower term, because it hears no node,
+need not know the phase of a higher term whose manager has fallen silent: what it sends has no effect.
 """
 
 from collections.abc import Callable
@@ -40,29 +40,29 @@ from heronry_wire.management import (
 
 
 class PhaseCheck(Oracle):
-    """Follows which phases are requested, and which one is told."""
+    """Follows which phase is requested, and which phase the manager sends."""
 
     def __init__(self, spec: Spec, entered: Callable[[int, str | None], None]) -> None:
-        """`entered` is told when a phase begins."""
+        """entered: called with the time (ns) and the phase when a phase begins."""
         super().__init__()
         self.current = spec.initial_phase()
-        self.named: str | None = None  # by the active manager
+        self.named: str | None = None  # the phase that the active manager sent last
         self._names, self._entered, self._bus = list(spec.phases), entered, spec.manager.bus
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
-        self._left: dict[str | None, int] = {}  # phases that were, and when they ended
+        self._left: dict[str | None, int] = {}  # former phases, and when each ended
         self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was accepted
-        self._overtaken: str | None = None  # what was ordered, if what has come since may be older
+        self._overtaken: str | None = None  # the ordered phase, if an acknowledgement since may be older than the order
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
-        self._acknowledged: dict[int, int] = {}  # number of the last request by node
-        self._known_term: dict[int, int] = {}  # in which it was acknowledged
+        self._acknowledged: dict[int, int] = {}  # by node: number of its last acknowledged request
+        self._known_term: dict[int, int] = {}  # by node: the term of that acknowledgement
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
-        self._entered_term = 0  # the highest that holds the current phase
+        self._entered_term = 0  # the highest term that has the current phase
         self._may_forget = self._is_apart = False
         self._stories: set[str] = set()
 
     def may_forget_phase(self) -> None:
-        """From now on a manager may begin its mastership with less than was known."""
+        """From now on a manager may begin its mastership without all that was known of the phase."""
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
@@ -75,24 +75,24 @@ class PhaseCheck(Oracle):
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
-        """The operator's order was accepted in a term: the phase it began with is over, though it may still be told."""
+        """Enter the phase that the operator has ordered; the manager may still send the phase before for a moment."""
         self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase, term)
         self._ordered = phase, t_ns
 
     def requested(self, node: int, message: Emergency) -> None:
-        """A PE requests a phase, on the managers' bus."""
+        """Note that a PE requests a phase on the managers' bus."""
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """A PE has reported its incarnation: a new one counts its requests anew."""
+        """Note a PE's incarnation: a PE that has restarted numbers its requests from the beginning."""
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
             self._acknowledged.pop(node, None)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """The active manager acknowledges a request, or tells the phase."""
+        """Follow an acknowledgement of a request, or a HOLDS that names the phase."""
         if not isinstance(message, Control):
             return
         self._heard_term = max(self._heard_term, message.term)
@@ -122,11 +122,11 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request must not be accepted, since it only leads on and this would lead back."""
+        """Tell whether a request is forward only but would lead to an earlier phase, and so must not be accepted."""
         return bool(number & FORWARD_ONLY) and self.current is not None and index < self._names.index(self.current)
 
     def _is_wanted(self, phase: str) -> bool:
-        """Tell whether a PE waits for an answer whose request for this phase may be accepted."""
+        """Tell whether a PE's request for this phase is unanswered and may be accepted."""
         index = self._names.index(phase)
         requests = (key for key, wanted in self._requested.items() if wanted == index)
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)
@@ -154,10 +154,10 @@ class PhaseCheck(Oracle):
             return
         if not is_new and not self._is_apart:
             if not is_on_its_way:
-                self._complain(t_ns, f"{phase} is told in term {term}, and {self.current} was requested")
+                self._complain(t_ns, f"the manager of term {term} sends {phase}, but {self.current} was requested last")
             return
         if not (self._names.index(phase) in self._requested.values() or (self._may_forget and phase in self._left)):
-            self._complain(t_ns, f"term {term} begins in {phase}, and the phase was {self.current}")
+            self._complain(t_ns, f"the manager of term {term} begins with {phase}, but the phase was {self.current}")
         self._enter(t_ns, phase, term)
 
     def _enter(self, t_ns: int, phase: str, term: int) -> None:
@@ -170,6 +170,6 @@ class PhaseCheck(Oracle):
             self._entered(t_ns, phase)
 
     def _complain(self, t_ns: int, story: str) -> None:
-        if story not in self._stories:  # it may be told for long
+        if story not in self._stories:  # the manager may repeat it for a long time
             self._stories.add(story)
             self.violations.append(Violation(t_ns, "phase", story))

@@ -1,8 +1,8 @@
-"""Once all is well the buses carry what was planned: every source of the last epoch at its rate, and no other.
+"""Once the aircraft has converged, the buses carry the planned data and no other.
 
-Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may publish less
-than its rate; that is for the oracles of the functions. A PE that has no way to the manager follows no plan: what it
-sends on its own side is not counted.
+From `begin` on, frames are counted. No source of the last epoch may send more than its rate, and no other source may
+send anything. A source that sends less is found by the oracles of the functions. A PE that cannot reach the manager
+follows no plan, so its data on its own side of the break are not counted.
 """
 
 from collections import Counter
@@ -16,12 +16,12 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 
 _MHZ_NS = 10**12
-_MORE = 3  # frames of one source: at either end of the time, and one that comes early after one that came late
-_FAST = 1.002  # clocks are off, and drift
+_MORE = 3  # tolerated frames of a source: one at either end of the time, and one early frame after a late one
+_FAST = 1.002  # tolerated factor of a rate: clocks are inaccurate
 
 
 class PlannedLoadCheck(Oracle):
-    """Counts data frames."""
+    """Counts data frames by bus, identifier and sender."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
@@ -32,17 +32,17 @@ class PlannedLoadCheck(Oracle):
         self._counts: Counter[tuple[str, int, str]] = Counter()  # bus, identifier, sender
 
     def begin(self, t_ns: int) -> None:
-        """Count data frames from now on, and none that were sent before."""
+        """Count data frames from now on; frames sent before do not count."""
         self._since_ns = t_ns
         self._counts.clear()
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Count a data frame."""
         if self._since_ns is not None:
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Give what was sent since `begin`, and was not planned; `truth` is what is really down."""
+        """Give the data that were sent since `begin` beyond the plan; `truth` is what is really down."""
         if self._since_ns is None or current is None or current.configuration is None:
             return []
         modules = self._spec.modules
@@ -60,6 +60,6 @@ class PlannedLoadCheck(Oracle):
             rate_mhz = planned.get((bus, producer, variable), 0)
             most = (t_ns - self._since_ns) * rate_mhz / _MHZ_NS * _FAST + (_MORE if rate_mhz else 0)
             if count > most:
-                story = f"{bus} carried {count} frames of {variable} of {producer}, and at most {most:.0f} were planned"
+                story = f"{bus} carried {count} frames of {variable} of {producer}, but at most {most:.0f} were planned"
                 found.append(Violation(t_ns, "planned_load", story))
         return found

@@ -1,12 +1,12 @@
-"""Which commands on a bus come from a holder of the key: every tag worked out again, from the frames alone.
+"""Finds the commands on a bus that come from a holder of the key, by computing every tag again.
 
-A command and the TAG that follows it are a pair. A pair of any sender is *proven* if the tag is that of some number:
-TAG shows its lowest 13 bits, and the others are tried, up to a span beyond the highest that was proven of that manager
-in that term. This knows nothing of what the nodes believed, and keeps no order: what is replayed is proven as often as
-it is sent, at the place that it had the first time.
+A command and the TAG after it are a pair. A pair is *proven* if its tag is correct for some command number. TAG shows
+the lowest 13 bits of the number. The higher bits are searched, up to a span beyond the highest number that was proven
+of this manager in this term. The result does not depend on what the nodes accepted, nor on order: a replayed pair is
+proven each time it is sent, with its original number.
 
-SLICE names no term and is left out: the digest of a configuration proves it. So is WELCOME, whose tag covers a nonce
-as well.
+SLICE names no term and is left out: the digest of its configuration proves it. WELCOME is left out because its tag
+covers a nonce as well.
 """
 
 from collections import defaultdict, deque
@@ -27,11 +27,11 @@ from heronry_wire.management import (
     is_welcome,
 )
 
-_REMEMBERED = 64  # commands of one kind that wait for their TAG: more than a PE holds
+_REMEMBERED = 64  # commands of one kind that are kept until their TAG comes: more than a PE keeps
 
 
 class Proven(NamedTuple):
-    """A pair that was sent: its manager, its place in the manager's numbers, and the command."""
+    """A proven pair: its manager, its place (term and number), and the command."""
 
     manager: int
     place: Place
@@ -51,10 +51,10 @@ class ProvenCommands:
         }
         self._tags = {management_id(manager, Command.TAG): manager for manager in MANAGER_NODES}
         self._waiting: defaultdict[tuple[int, int], deque[bytes]] = defaultdict(lambda: deque(maxlen=_REMEMBERED))
-        self._highest: dict[tuple[int, int], int] = {}  # number, by manager and term
+        self._highest: dict[tuple[int, int], int] = {}  # highest proven number by manager and term
 
     def take(self, sent: Sent) -> Proven | None:
-        """Take a frame of any sender; gives what it proves."""
+        """Take a frame of any sender; give the pair that it completes, if that pair is proven."""
         command = self._commands.get(sent.frame.can_id)
         if command is not None:
             if not is_welcome(sent.frame.data) or command[1] is not Command.CONTROL:
@@ -64,7 +64,7 @@ class ProvenCommands:
         return None if manager is None else self._proven(manager, decode_tag(sent.frame.data))
 
     def newest(self, manager: int) -> Place:
-        """Highest place that was proven of a manager."""
+        """Give the highest place that was proven of a manager."""
         return max((Place(t, number) for (m, t), number in self._highest.items() if m == manager), default=Place(0, 0))
 
     def _proven(self, manager: int, fields: tuple[int, ...] | None) -> Proven | None:

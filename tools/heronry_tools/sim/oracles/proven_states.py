@@ -1,10 +1,10 @@
-"""The digest of a page 1 that has a tag in its place: found out with the key, by the oracles of a run.
+"""Recovers the digest of a page 1 that carries a tag instead, for oracles that know the key.
 
-A tag fits a digest in a session, and sessions are opened by WELCOME, which every node hears. Nothing is asked of the
-cores: what a PE has staged is known here from the frames alone, as it is without a key.
+A tag depends on a digest and a session. A session is opened by WELCOME, which every node hears. So the known digests
+are tried in the known sessions, and the staged epoch of a PE is derived from frames alone, as without a key.
 
-An attacker that forges nonces makes a manager send WELCOME again and again, for nothing: the PE goes on in the session
-that it has. So the session that has fitted last is tried first and forgotten last.
+An attacker that forges nonces makes a manager send WELCOME repeatedly, but the PE stays in its session. So the session
+whose tag was correct last is tried first and dropped last.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from heronry_wire.authentication import PAGE_1_BEAT, Key, Session
 from heronry_wire.management import Control, Operation
 from heronry_wire.state_frames import StatePage1, split_state
 
-_SESSIONS = 512  # of one PE: a forged nonce is answered every few milliseconds, for as long as an attack may last
+_SESSIONS = 512  # kept per PE: a manager answers forged nonces every few milliseconds for a whole attack
 
 
 class ProvenStates:
@@ -26,13 +26,13 @@ class ProvenStates:
         self._sessions: dict[int, deque[Session]] = {}  # by node
 
     def commanded(self, manager: int, control: Control) -> None:
-        """Follow a CONTROL of a manager: it may be a WELCOME."""
+        """Follow a CONTROL of a manager; WELCOME opens a session."""
         if control.operation is Operation.WELCOME:
             opened = self._sessions.setdefault(control.node, deque(maxlen=_SESSIONS))
             opened.append(Session(manager, control.term, control.a << 16 | control.b))
 
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
-        """Put the digest in its place, if it is one of these; 0 where none of them fits."""
+        """Give the page with the digest that its tag proves, out of `digests`; with 0 where the tag proves none."""
         said, tag = split_state(page.encode())
         sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
         for session in reversed(sessions):

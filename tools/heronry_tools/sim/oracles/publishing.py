@@ -1,11 +1,13 @@
-"""No node publishes what its epoch does not give it: data frames against the configurations that were commanded.
+"""No node publishes data that its epoch does not require of it; verified against the commanded configurations.
 
-A node reports in its state which epoch it follows, and immediately when it follows another one. From then on a data
-frame of its own must belong to what that epoch publishes from there; for T_lease longer it may also be one of the epoch
-before, that was queued. A node may already follow what was activated since its last state: its controller was off, and
-the datum was in the mailbox before the state. A gateway may send whatever the epoch routes over the bus. A node that
-has started anew and follows no epoch publishes nothing: nothing runs on what is unconfigured, and what a dead node had
-queued died with it.
+The state of a node names the epoch that the node follows, and the node reports a change immediately. A data frame of
+the node must then be one that this epoch lets it publish on this bus. A gateway may also forward what the epoch routes
+over the bus. A node that has restarted and follows no epoch must publish nothing.
+
+A frame may also belong to another epoch than the reported one:
+
+- to the epoch before, for T_lease after the change: the frame was queued;
+- to an epoch activated since the last state: after bus-off, a datum in the mailbox goes out before the state.
 
 Not verified: an epoch whose configuration could not be read back from the frames.
 """
@@ -28,17 +30,17 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """What a node has reported: which epoch it follows, since when, and which one it followed before."""
+    """The epoch that a node has reported, since when, and the epoch that it followed before."""
 
     epoch: int
     incarnation: int
     since_ns: int
     before: int = NO_EPOCH
-    said_ns: int = 0  # when it reported that last
+    said_ns: int = 0  # when it reported the epoch last
 
 
 class PublishingCheck(Oracle):
-    """Follows data frames and the epochs of their senders."""
+    """Compares data frames with the epochs that their senders report."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -48,11 +50,11 @@ class PublishingCheck(Oracle):
         self._gateways = {pe.name for pe in spec.pes.values() if len(pe.buses) > 1}
         self._queued_ns = LEASE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values())
         self._told: dict[str, _Told] = {}
-        self._good: dict[_Key, frozenset[int]] = {}  # what the sender's epoch publishes there
+        self._good: dict[_Key, frozenset[int]] = {}  # identifiers that the sender's epoch lets it publish there
         self._published: dict[int, dict[str, dict[int, str]]] = {}  # by epoch: bus, identifier, producer's PE
 
     def said(self, state: StateSaid) -> None:
-        """A node reports itself which epoch it follows."""
+        """Note the epoch that a node reports."""
         sender, t_ns, page = state.pe, state.t_ns, state.page
         told = self._told.get(sender)
         if told is None or told.incarnation != page.incarnation:
@@ -64,7 +66,7 @@ class PublishingCheck(Oracle):
             del self._good[key]
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Verify a data frame."""
         good = self._good.get((sent.bus, sent.sender))
         if good is None or sent.frame.can_id not in good:
             self._assess(sent)
@@ -72,7 +74,7 @@ class PublishingCheck(Oracle):
     def _assess(self, sent: Sent) -> None:
         told = self._told.get(sent.sender)
         if told is None:
-            return  # it has just started; data before its first state are for `planned_load`
+            return  # the node has just started; `planned_load` verifies data before its first state
         queued = told.before if sent.end_ns - told.since_ns <= self._queued_ns else told.epoch
         good: set[int] = set()
         epochs = self._commanded.epochs.values()
@@ -85,11 +87,11 @@ class PublishingCheck(Oracle):
             if epoch == told.epoch:
                 self._good[sent.bus, sent.sender] = found
         if sent.frame.can_id not in good:
-            story = f"{sent.sender} sends {sent.frame.can_id} on {sent.bus}, which epoch {told.epoch} does not ask for"
+            story = f"{sent.sender} sends {sent.frame.can_id} on {sent.bus}, not required by epoch {told.epoch}"
             self.violations.append(Violation(sent.end_ns, "publishing", story))
 
     def _identifiers_of(self, epoch: int, bus: str, sender: str) -> frozenset[int] | None:
-        """What an epoch lets a node send on a bus; None where that cannot be known."""
+        """Give the identifiers that an epoch lets a node send on a bus; None where they cannot be known."""
         if epoch not in self._published:
             known = self._commanded.epochs.get(epoch)
             if known is None or known.configuration is None:

@@ -1,11 +1,12 @@
-"""No queue fills up: a node to which nothing is done gets rid of the frames that it has to send.
+"""No queue of frames grows without end, and no frame is left behind, while no fault is present.
 
-A bus on which a frame waits is never idle (arbitration is work-conserving), so a bus that has been idle since the last
-look has emptied every queue meanwhile. That is read from the bits that were sent: as many as the time has room for mean
-that it never fell idle. An error-passive controller pauses for 8 bits after each frame; that is not idleness enough.
+`look` is called at intervals. Two rules hold from one look to the next:
 
-And no frame is left behind: on a bus that keeps to its budget none waits for as long as from one look to the next but
-one, unless its sender holds it back for ever.
+- A bus on which frames wait must have been idle at some moment in the interval. A bus is never idle while a frame waits
+  (arbitration is work-conserving), so an idle moment proves that every queue was empty. A bus was never idle if its
+  frames fill the interval. (An error-passive controller pauses for 8 bits after each frame; that counts as idle.)
+- On a bus within its budget, no frame may wait from one look to the next but one: its sender would hold it back for
+  ever.
 """
 
 from collections.abc import Mapping
@@ -14,20 +15,20 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import SimulatedBus
 
 _NS_PER_S = 1_000_000_000
-_FULL = 0.95  # of the bits that there was time for
+_FULL = 0.95  # share of an interval that frames must fill for the bus to count as never idle
 
 
 class QueueCheck:
-    """Compares how busy the buses are from one look to the next."""
+    """Compares the load and the queues of the buses from one look to the next."""
 
     def __init__(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> None:
-        """Begin with a first look."""
+        """Take the first look."""
         self._t_ns = t_ns
         self._bits = {name: bus.busy_bits for name, bus in buses.items()}
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Give the buses that have not been idle since the last look."""
+        """Give the violations since the last look."""
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}
         before_that, self._offered_before = self._offered_before, self._offered
@@ -36,12 +37,12 @@ class QueueCheck:
         for name, bus in buses.items():
             share = (bus.busy_bits - before[name]) * _NS_PER_S / (bus.bitrate * passed_ns)
             if share > _FULL:
-                story = f"{bus.queued} frames pile up on {name}, which has not been idle for {passed_ns / 1e6:.0f} ms"
+                story = f"{bus.queued} frames wait on {name}, which has not been idle for {passed_ns / 1e6:.0f} ms"
                 stories.append(Violation(t_ns, "queues", story))
             left = bus.longest_waiting
             if left is not None and left.offer <= before_that[name]:
                 story = (
-                    f"{left.frame.can_id} of {left.station.name} waits on {name} for more than {passed_ns / 1e6:.0f} ms"
+                    f"{left.frame.can_id} of {left.station.name} has waited on {name} for over {passed_ns / 1e6:.0f} ms"
                 )
                 stories.append(Violation(t_ns, "queues", story))
         return stories

@@ -1,16 +1,15 @@
-"""A radio is not given more than it carries, and what crosses it is not old: verified by the frames on both its sides.
+"""A radio gets no more data than it carries, and data that cross it are not old; verified from frames on both sides.
 
-    age     a datum that a gateway sends by radio came to it no longer ago than T_lease, and what one frame may take in
-            a controller (a heartbeat period of the radio). However slow the radio: so no queue has grown
-    load    second by second, the data on a radio stay within the budget for what its gateway has reported as usable:
-            the most of the last seconds, in which the manager believes a fall, plans, and the PEs take their steps. A
-            quarter more is tolerated, as everywhere
+    age     a datum that a gateway sends by radio had reached the gateway no longer ago than T_lease and one heartbeat
+            period of the radio (the time of a frame in a controller), however slow the radio is. So no queue has grown
+    load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
+            reported. The largest report of the last seconds counts: after a fall the manager must believe the fall and
+            plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
 
-A frame is known by its bytes. Where data are changed past the CRC a new one may become what an old one was: then one
-that came of late and differs in a byte may be it.
+A frame is recognized by its bytes. Where data are altered past the CRC, a frame that arrived lately and differs in one
+byte may be the same frame.
 
-Seconds in which a gateway reports that its radio is gone, or reports nothing, are not verified: a PE beyond the radio
-may go on sending.
+Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond it may still send.
 """
 
 from collections import defaultdict
@@ -26,16 +25,16 @@ from heronry_wire.gateway_report import PER_MILLE, LinkReport, LinkState, decode
 from heronry_wire.timing import worst_bits
 
 _SECOND_NS = 1_000_000_000
-_REMEMBERED_S = 10  # at least; by then message codes have come round, and bytes tell no frame from another
+_REMEMBERED_S = 10  # frames are kept at least so long; then message codes repeat, and equal bytes prove nothing
 _TOLERANCE = Fraction(5, 4)
 
 
 class RadioCheck(Oracle):
-    """Compares what comes to gateways, what they send, and what they report."""
+    """Compares the data that reach a gateway, the data that it sends by radio, and its reports."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
-        self._is_altered = False  # data are, or have been, changed past the CRC
+        self._is_altered = False  # data are or were altered past the CRC
         found = radios(spec)
         self._radio_of = {radio.link_id: radio for radio in found.values()}
         self._gateway_of = {bus: radio.gateway for bus, radio in found.items()}
@@ -47,24 +46,24 @@ class RadioCheck(Oracle):
         buses = {bus: spec.buses[bus] for bus in found}
         self._budget = {name: bus.bitrate * (bus.max_load - bus.reserve) for name, bus in buses.items()}
         self._grace_ns = {bus: PATIENCE_PERIODS * spec.buses[bus].heartbeat_ns for bus in found}
-        self._came: dict[tuple[str, int, bytes], int] = {}  # bus, identifier, bytes -> when
-        self._came_before: dict[tuple[str, int, bytes], int] = {}  # the same, of the seconds before
+        self._came: dict[tuple[str, int, bytes], int] = {}  # arrival (ns) by bus, identifier, bytes
+        self._came_before: dict[tuple[str, int, bytes], int] = {}  # the same, for the seconds before
         self._reports: defaultdict[str, list[tuple[int, LinkReport]]] = defaultdict(list)
         self._second = 0
         self._bits: defaultdict[str, int] = defaultdict(int)
 
     def altered(self) -> None:
-        """Data are changed past the CRC from now on."""
+        """From now on data frames are altered in a way that their CRC does not detect."""
         self._is_altered = True
 
     def measured(self, sent: Sent) -> None:
-        """A gateway reports on its radio."""
+        """Note a gateway's report on its radio."""
         radio, report = self._radio_of.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport):
             self._reports[radio.bus].append((sent.end_ns, report))
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Verify the age of a forwarded datum, and count its bits."""
         second = sent.end_ns // _SECOND_NS
         if second != self._second:
             self._close(sent.end_ns)
@@ -87,7 +86,7 @@ class RadioCheck(Oracle):
             and not self._may_be_altered(sent)
         ):
             age_ms = (sent.end_ns - came_ns) / 1e6
-            story = f"{sent.sender} sent a datum {sent.frame.can_id} by {sent.bus} that had come {age_ms:.0f} ms before"
+            story = f"{sent.sender} sent datum {sent.frame.can_id} on {sent.bus} {age_ms:.0f} ms after receiving it"
             self.violations.append(Violation(sent.end_ns, "radio", story))
 
     def _may_be_altered(self, sent: Sent) -> bool:
@@ -103,12 +102,12 @@ class RadioCheck(Oracle):
         for bus, bits in self._bits.items():
             usable = self._most_usable(bus, t_ns)
             if usable is not None and bits > self._budget[bus] * usable * _TOLERANCE / PER_MILLE:
-                story = f"{bus} carried {bits} bits of data in a second, and {usable / 10:.0f} % of it could be used"
+                story = f"{bus} carried {bits} bits of data in a second, but {usable / 10:.0f} % of it was usable"
                 self.violations.append(Violation(t_ns, "radio", story))
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """The most that was reported of late; None where the radio was gone, or nothing was reported."""
+        """Give the largest share reported of late; None where the radio was gone or nothing was reported."""
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
             return None

@@ -1,4 +1,4 @@
-"""Every oracle of a run, one a line: to add one, write its class (`oracle`) and name it here."""
+"""The list of all oracles of a run, one per line. To add one, write its class (`oracle`) and name the class here."""
 
 from collections.abc import Callable
 
@@ -37,9 +37,9 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: known.planned_load,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
 )
-"""None: the oracle has nothing to verify in this run."""
+"""Functions that create the oracles; a function returns None where its oracle has nothing to verify in the run."""
 
 
 def oracles(known: Known) -> list[Oracle]:
-    """Make the oracles of one run."""
+    """Create the oracles of one run."""
     return [oracle for make in ORACLES if (oracle := make(known)) is not None]

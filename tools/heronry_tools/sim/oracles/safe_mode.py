@@ -1,13 +1,13 @@
-"""`without_manager: safe_mode`: a PE that hears no manager stops what is not critical, verified from outside.
+"""With `without_manager: safe_mode`, a PE that hears no manager sends and drives nothing that is not critical.
 
-A PE is *orphaned* from its first state frame that shows it, on the managers' bus, after no LEASE was on that bus for
-T_lease; every LEASE ends that for all. While it is, nothing goes out from it that serves nothing critical in the
-configuration of its epoch: no frame of a source, no echo, no step of what drives. A frame may have been queued before,
-and has T_lease to go.
+After no LEASE was on the managers' bus for T_lease, a PE counts as *orphaned* from its next state frame that reports no
+LEASE, until the next LEASE. While it is orphaned, a module that serves no critical function in the PE's epoch must send
+no datum and no echo, and must not drive. A frame that was queued before may still go out for T_lease.
 
-What is critical must go on all the same: that is for `oracles.silence` and `oracles.service` to verify, and that all
-comes back with a manager, for `oracles.end_state`. With `keep` there is nothing to verify here. Not verified: an epoch
-whose configuration could not be read back from the frames, and a PE that alone hears nothing.
+Other oracles verify that critical functions continue (`silence`, `service`), and that all functions return with a
+manager (`end_state`). With `keep` this oracle verifies nothing.
+
+Not verified: an epoch whose configuration could not be read back from the frames, and a PE that alone hears nothing.
 """
 
 from heronry_dg.configuration import Configuration
@@ -23,13 +23,13 @@ from heronry_wire.state_frames import PeFlags
 
 
 def is_critical(spec: Spec, function: str) -> bool:
-    """Tell whether a function is of another class than E in any phase that wants it."""
+    """Tell whether a function is in a class A to D in any phase in which it is wanted."""
     found = spec.functions[function]
     return any(found.criticality_in(p) != "E" and found.priority_in(p) for p in spec.phases or (None,))
 
 
 def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Modules of a configuration from which no way of wires leads to a critical function."""
+    """Give the modules of a configuration whose outputs reach no critical function."""
     left = dict.fromkeys(configuration.modules, True)
     for function in spec.functions.values():
         if is_critical(spec, function.name):
@@ -43,7 +43,7 @@ def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
 
 
 class SafeModeCheck(Oracle):
-    """Follows which PEs hear no manager, and what goes out from them."""
+    """Verifies what orphaned PEs send and drive."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         super().__init__()
@@ -52,30 +52,30 @@ class SafeModeCheck(Oracle):
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._producer = {identifier: producer for (producer, _), identifier in identifiers(spec).items()}
         self._leased_ns: int | None = None
-        self._orphans: dict[str, tuple[int, frozenset[str]]] = {}  # by PE: since when, and what must rest there
+        self._orphans: dict[str, tuple[int, frozenset[str]]] = {}  # by PE: since when, and modules that must stop
         self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
 
     def leased(self, t_ns: int) -> None:
-        """A LEASE was on the managers' bus."""
+        """End the orphaned time of all PEs."""
         self._leased_ns = t_ns
         self._orphans.clear()
 
     def told(self, state: StateSaid) -> None:
-        """A PE's state was on the managers' bus."""
+        """Note a PE as orphaned if no LEASE was on the bus for T_lease."""
         pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:
             self._orphans[pe] = t_ns, self._resting(page.epoch, pe)
 
     def published(self, sent: Sent) -> None:
-        """A data frame was sent."""
+        """Verify the sender of a data frame."""
         since_ns, resting = self._orphans.get(sent.sender, (sent.end_ns, frozenset()))
         producer = self._producer.get(sent.frame.can_id)
         if producer in resting and sent.end_ns - since_ns > self._lease_ns:
             self._tell(sent.end_ns, f"{sent.sender} sends {sent.frame.can_id} of {producer}")
 
     def driven(self, driven: Driven) -> None:
-        """A module drives what it drives."""
+        """Verify the PE of a module that drives."""
         if driven.module in self._orphans.get(driven.pe, (0, frozenset()))[1]:
             self._tell(driven.t_ns, f"{driven.module} drives on {driven.pe}")
 
@@ -89,4 +89,4 @@ class SafeModeCheck(Oracle):
         return self._rests[epoch, pe]
 
     def _tell(self, t_ns: int, what: str) -> None:
-        self.violations.append(Violation(t_ns, "policy", f"{what} without any manager, and serves nothing critical"))
+        self.violations.append(Violation(t_ns, "policy", f"{what} without a manager, but serves nothing critical"))

@@ -1,24 +1,29 @@
-"""Nothing critical is dropped without need: the planner, given the true situation, tells what could be served.
+"""No critical function is dropped without need: the oracle compares what is served with what a plan could serve.
 
-Twice:
+The oracle compares twice.
 
-- When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
-  manager can know: that the PEs which take no part are down, and what was reported and acknowledged, or declared by
-  the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
-  before PREPARE on. A contingency that is called by its number is staged by every PE that hears the call; which of them
-  take part is shown by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late
-  that a PE named in it may have been lost and have joined again; or where an ALIVE was late within the last period,
-  since what its manager could not send comes then, in the order of its identifiers. A manager that adopts what runs
-  drops nothing by that.
-- A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
-  patience, and a second for planning, steps and the first values of all that starts. The planner is asked with
-  everything down that has a fault injected, has failed, or is not available (by ALIVE) meanwhile. Where its plan serves
-  every wanted function of that class and those above, any plan for less than that must, too.
+*When a configuration is activated*, it must serve by criticality at least what the best plan serves. That plan is for
+the situation that the manager can know: PEs that take no part are down, and an element has failed from the moment at
+which its failure was acknowledged or declared by the operator until it is cleared. Known failures and the phase may be
+those of any moment from shortly before PREPARE on.
 
-Not verified in flight: times in which a bus or a manager has a fault, or in which any measurement may be wrong; nor the
-start-up window of a mastership for as long as no PE runs anything. A manager that has just been started and hears no PE
-that runs anything cannot tell that from an aircraft that is switched on: it waits for the PEs that it has not heard,
-and makes no plan before. The window ends no later than if it had begun with the first ALIVE of that mastership.
+- A contingency called by its number is staged by every PE that hears the call. The next ALIVE shows which PEs take
+  part. That stays unknown, and nothing is compared, where the manager dies before that ALIVE; where that ALIVE comes so
+  late that a PE may have been lost and have rejoined; and where an ALIVE was late within the last period, since delayed
+  frames then go out in the order of their identifiers.
+- A manager that adopts what runs drops nothing by that, so an adopted epoch is not compared.
+
+*While nothing more is done to the aircraft*, a critical function that was heard must not stay silent for longer than
+`longest_ns`: one patience, and a second for planning, steps and first values. The planner plans for everything down
+that had a fault injected, counts as failed, or is not available by ALIVE in that time. Where that plan serves every
+wanted function of this class and those above, every plan with less down serves them, too.
+
+Not verified are silences
+
+- while a bus or a manager has a fault, or any measurement may be wrong;
+- in the start-up window of a mastership, as long as no PE runs a module. A manager that hears no such PE cannot tell
+  this from an aircraft that has just been switched on: it waits for PEs that it has not heard, and makes no plan
+  before. The window counts from the first ALIVE of the mastership.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -54,7 +59,7 @@ _DOUBTED_NS = 30 * _SECOND_NS
 
 
 class Injected(NamedTuple):
-    """What was done to an element, from when to when (None: for good); `element` is None where that is unclear."""
+    """A fault of an element, and its time (`to_ns` None: it does not end); `element` is None where it is unclear."""
 
     element: str | None
     from_ns: int
@@ -63,21 +68,21 @@ class Injected(NamedTuple):
 
 @dataclass(slots=True)
 class _Held:
-    """An element counts as failed, from when to when (None: it still does, or to some manager)."""
+    """The time in which an element counts as failed; `to_ns` is None while any manager still treats it as failed."""
 
     element: str
     from_ns: int
     to_ns: int | None = None
-    is_certain: bool = True  # to every manager
+    is_certain: bool = True  # every manager treats it as failed
 
 
 class ServiceCheck(Oracle):
     """Compares what is served with what the planner could serve."""
 
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
-        """CONTROL and EMCY name elements by their place in this spec.
+        """spec: its order of elements gives the indices in CONTROL and EMCY.
 
-        missed_ns: gives when a PE heard a node again after it may have missed a command; 0 if it never has.
+        missed_ns: gives when a PE last heard a node again after it may have missed a command; 0 if it never has.
         """
         super().__init__()
         self._spec = spec
@@ -86,31 +91,31 @@ class ServiceCheck(Oracle):
         self._held: list[_Held] = []
         self._missed_ns = missed_ns
         self._told_by: dict[str, str] = {}  # by element: the PE that has reported it last
-        self._available: list[tuple[int, frozenset[str]]] = []  # since when, and which PEs
-        self._alive_ns = 0  # the last ALIVE
-        self._late_ns = 0  # the last one that came late
+        self._available: list[tuple[int, frozenset[str]]] = []  # available PEs, and since when (ns)
+        self._alive_ns = 0  # time of the last ALIVE
+        self._late_ns = 0  # time of the last ALIVE that came late
         self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
-        self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
+        self._called: list[tuple[int, Epoch, str | None]] = []  # contingencies called: time, epoch, phase
         self._phases: list[tuple[int, str | None]] = []
-        self._masterships_ns: list[int] = []  # when they began
-        self._idle: list[tuple[int, int]] = []  # from when to when no PE ran anything
-        self._ran_ns = 0  # when one did last
+        self._masterships_ns: list[int] = []  # when each mastership began
+        self._idle: list[tuple[int, int]] = []  # times (from, to) in which no PE ran a module
+        self._ran_ns = 0  # when a PE last ran a module
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._hold_down_ns = {
             pe: HOLD_DOWN_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
-        }  # the shortest
+        }  # of a first loss
         self._radios = {radio.link_id: radio for radio in radios(spec).values()}
-        self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
+        self._usable: list[tuple[int, str, int]] = []  # time, bus, usable share (per mille)
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
-        """A PE reports a fault, or withdraws its report."""
+        """Note which PE reports a fault or withdraws its report."""
         if isinstance(message, Emergency):
             for element in self._named(message.kind, message.index):
                 self._told_by[element] = pe
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """A manager may have acknowledged a fault."""
+        """Note an acknowledgement: the manager treats the element as failed."""
         if not isinstance(message, Control):
             return
         if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
@@ -121,29 +126,29 @@ class ServiceCheck(Oracle):
         return self._elements.get(kind, [])[index : index + 1]
 
     def failed(self, t_ns: int, element: str) -> None:
-        """A manager takes an element for failed, from now on at the latest."""
+        """Note that a manager treats an element as failed, from now on at the latest."""
         known = [one for one in self._held if one.element == element and one.to_ns is None]
         self._held += [] if known else [_Held(element, t_ns)]
         for one in known:
             one.is_certain = True
 
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
-        """A manager takes an element for failed no more, or none does."""
+        """Note that an element was cleared; `everywhere`: no manager treats it as failed any more."""
         for one in self._held:
             if one.element == element and one.to_ns is None:
                 one.to_ns, one.is_certain = t_ns if everywhere else None, False
 
     @property
     def held(self) -> set[str]:
-        """What counts as failed now, to every manager."""
+        """Elements that every manager now treats as failed."""
         return {one.element for one in self._held if one.is_certain}
 
     def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
-        """What counted as failed at some moment of a time."""
+        """Give the elements that counted as failed at any moment from `from_ns` to `to_ns`."""
         return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """ALIVE names these PEs."""
+        """Note the available PEs, and compare the contingencies called since the last ALIVE."""
         self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
         self._alive_ns = t_ns
         _, before = self._available[-1] if self._available else (0, frozenset[str]())
@@ -158,7 +163,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """A term begins, before its first ALIVE; it may not know a PE's report, which is not sent again."""
+        """Note a new term; its manager may lack a report whose PE has missed a command: no PE repeats a report."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -166,19 +171,19 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """A PE reports that it runs something."""
+        """Note that a PE runs a module."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
 
     def measured(self, sent: Sent) -> None:
-        """A gateway reports on its radio."""
+        """Note a gateway's report on its radio."""
         radio, report = self._radios.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport) and report.usable < PER_MILLE:
             self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
 
     def _limits(self, t_ns: int) -> dict[str, Fraction]:
-        """The least that a manager may plan with at a time."""
+        """Give, for each radio, the smallest usable share with which a manager may plan at this time."""
         limits: dict[str, Fraction] = {}
         for at_ns, bus, usable in self._usable:
             if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
@@ -187,11 +192,11 @@ class ServiceCheck(Oracle):
         return limits
 
     def entered(self, t_ns: int, phase: str | None) -> None:
-        """A mission phase has begun."""
+        """Note that a mission phase has begun."""
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """An epoch has been activated."""
+        """Compare an epoch with the best plan; for a contingency that waits for the next ALIVE."""
         if epoch.is_adopted:
             return
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
@@ -202,14 +207,14 @@ class ServiceCheck(Oracle):
             self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
 
     def _is_late(self, t_ns: int) -> bool:
-        """Tell whether there should have been an ALIVE before."""
+        """Tell whether an ALIVE is overdue."""
         return t_ns - self._alive_ns > self._beat_ns * 5 // 4 + _UNDER_WAY_NS
 
     def _participants(self, epoch: Epoch) -> set[str]:
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
-        """Compare with what could be served by the PEs that take part."""
+        """Compare an epoch with the best plan for the PEs that take part."""
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
@@ -219,24 +224,27 @@ class ServiceCheck(Oracle):
         nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
         stories = [self._falls_short(epoch, now) for now in nows]
         if None not in stories:
-            yield Violation(t_ns, "service", f"{stories[0]} with {sorted(absent)}")
+            yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Sentence on what an epoch serves, if that is less than could be served in a situation; else None."""
+        """Say what an epoch serves, if that is less than a plan for this situation serves; else None."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
         if served >= possible:
             return None
-        return f"epoch {epoch.number} serves {served} by criticality, and {possible} could be"
+        return f"epoch {epoch.number} serves {served} by criticality, but a plan serves {possible}"
 
     def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
-        """Phases at some moment of a time."""
+        """Give the phases in effect at any moment from `from_ns` to `to_ns`."""
         spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent for too long without need."""
+        """Give the critical functions that were silent for too long without need.
+
+        injected: what was done to the aircraft. end_ns: the end of the flight.
+        """
         self.ran(end_ns)
         return [found for outage in outages if (found := self._silence(outage, injected, end_ns)) is not None]
 
@@ -254,12 +262,12 @@ class ServiceCheck(Oracle):
             now = self._situation(begin_ns, over_ns, injected)
             if now is not None and self._could_serve(outage.function, now):
                 quiet_ms = (over_ns - begin_ns) / 1e6
-                story = f"{function.name} was silent for {quiet_ms:.0f} ms in which nothing more was done, and a plan"
-                return Violation(begin_ns, "service", f"{story} for {sorted(now.down)} serves it")
+                story = f"{function.name} was silent for {quiet_ms:.0f} ms without a new fault, but a plan without"
+                return Violation(begin_ns, "service", f"{story} {sorted(now.down)} serves it")
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """What is down in a time in which nothing changes; None where that cannot be known."""
+        """Give the situation in a time in which nothing changes; None where that cannot be known."""
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):
@@ -272,7 +280,7 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase)
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """From when to when no PE ran anything in the start-up window of a mastership."""
+        """Give the times (from, to) within start-up windows in which no PE ran a module."""
         for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
@@ -280,7 +288,7 @@ class ServiceCheck(Oracle):
                     yield first_ns, last_ns
 
     def _could_serve(self, name: str, now: Situation) -> bool:
-        """Tell whether the planner serves everything of a function's class, and of those above."""
+        """Tell whether the best plan serves every wanted function of this function's class and the classes above."""
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
         if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):

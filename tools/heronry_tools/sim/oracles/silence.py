@@ -1,11 +1,11 @@
-"""The silence of a manager stops no function: where nothing but managers failed, every function is heard all the time.
+"""The silence of a manager stops no function: where only managers have failed, every function is heard all the time.
 
-With `without_manager: safe_mode` that is promised for critical functions alone.
+With `without_manager: safe_mode` this is promised only for critical functions.
 
-The fault that silenced a function was injected at some time between its last output and the moment at which the next
-one was due.
+A function counts as silent from its last output on. The fault that silenced it was injected between that output and the
+moment at which the next one was due.
 
-Not verified: a run in which a fault was injected into anything else, too.
+Not verified: a run in which a fault was injected into anything but managers.
 """
 
 from collections.abc import Iterable
@@ -20,10 +20,10 @@ from heronry_tools.sim.oracles.violation import Violation
 def stopped_by_silence(
     spec: Spec, targets: Iterable[str], witness: Witness, since_ns: int, now_ns: int
 ) -> list[Violation]:
-    """Give the outages from a time up to now in a run in which nothing was done to anything but managers."""
+    """Give the outages from `since_ns` to `now_ns` of a run in which only managers have failed."""
     if any(target not in MANAGERS for target in targets):
         return []
-    story = "was not heard, and nothing but a manager had failed"
+    story = "was not heard, though only managers had failed"
     keeps = spec.manager.without_manager == "keep"
     promised = {function for function in spec.functions if keeps or is_critical(spec, function)}
     silent = [o for o in witness.outages(now_ns) if o.function in promised and o.from_ns >= since_ns]

@@ -1,23 +1,32 @@
-"""Which manager is active, verified from the managers' bus: a term has one manager, and no node goes back to an older.
+"""A term has one manager, and no node goes back to an older term; verified from the managers' bus.
 
-- At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
-  from one manager's identifiers, and a manager's own terms never go down. Two managers that were given one node-ID each
-  have their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While
-  their bus is broken in the middle they cannot, and both may be active in one term, each over its own half. Nor can one
-  that the clash of their frames has put off the bus: that time begins anew with the manager that was silent for
-  `_APART_PERIODS`. With a key neither believes the other one before its TAG; where both are sent at once and are the
-  same, as everything before them was, there is one frame, and neither hears it.
-- Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
-  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never runs,
-  later, one that was given by a lower term at most. Only the PE's own states count: a gateway may hand them on out of
-  order.
-- In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
-  found no PE that runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
-- No manager gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was
-  adopted, but with the digest that it had. Of two stations that each have a copy of one journal neither can know which
-  numbers the other one takes: what one of them prepared first may be another epoch of the other one (`manager_copied`).
+One manager per term. The commands that name a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) come from the
+identifiers of one manager, and the term of a manager never falls.
 
-What a deposed manager still sends is verified here alone: the other oracles leave it out (`active_term`).
+Two managers with the same node-ID may use one term, but only for a time: within `_TOGETHER_LEASES` times T_lease each
+must notice the other, and one must fall silent. This time does not run
+
+- while their bus is broken in the middle: both may then be active in one term, each on its half;
+- while the clash of their frames keeps one bus-off: the time begins again for a manager that was silent for
+  `_APART_PERIODS`.
+
+With a key a manager believes the other only after the other's TAG. (Two equal frames sent at once are one frame on the
+bus, so neither manager hears the other.)
+
+No PE goes back. An epoch belongs to the term that prepared it first, or to the highest term that has adopted it (whose
+LEASE names it). A PE that has run an epoch first prepared in some term must not later, within its incarnation, run an
+epoch whose highest term is lower. Only states that the PE itself sends count: a gateway may forward states in another
+order.
+
+No LEASE goes back. Within a term LEASE never names an older epoch. Exempt is a manager that has died since, has lost
+its journal, and found no PE that runs anything. (Other commands may wait in the controller until LEASE names a newer
+epoch.)
+
+No epoch has two meanings. A later term may prepare an epoch again, for a PE that joins late, but with the same digest.
+Exempt are two stations that each have a copy of one journal (`manager_copied`): neither can know the numbers that the
+other uses.
+
+Only this oracle reads the commands of a deposed manager; all others leave them out (`active_term`).
 """
 
 from heronry_dg.model import Spec
@@ -31,33 +40,33 @@ _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
 class TermCheck(Oracle):
-    """Follows commands, and the epochs that PEs report."""
+    """Follows the terms of commands, and the epochs that PEs report."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         super().__init__()
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
-        self._own: dict[str, int] = {}  # term of each station: there may be two of one number
-        self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
+        self._own: dict[str, int] = {}  # term by station: two stations may share a node-ID
+        self._leased: dict[str, tuple[int, int]] = {}  # by station: term and epoch of its last LEASE
         self._has_key, self._is_split, self._bus = has_key, False, spec.manager.bus
         self._mastership = ActiveTerm(spec, has_key=has_key)
-        # By epoch: its first PREPARE, and the station that sent it; "" on a former disk.
+        # By epoch: its first PREPARE, and the station that sent it; "": from a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
-        self._twins: dict[str, str] = {}  # stations of one number, each by the other one
+        self._twins: dict[str, str] = {}  # by station: the other station with the same node-ID
         self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * self._mastership.lease_ns
         self._apart_ns = self._mastership.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
-        """The managers' bus is broken in the middle, or whole again: managers that were apart have not met yet."""
+        """Note that the managers' bus has broken or was mended; managers that were apart have not met yet."""
         if bus == self._bus:
             self._is_split = is_split
             self._voices.clear()
 
     def follow_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
-        """Verify a command on the managers' bus; tells whether its term is active, as far as a node there can know."""
+        """Verify a command on the managers' bus; tells whether its term is active or claimed."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
             return own == self._mastership.number or self._mastership.is_claimed(own, station)
@@ -74,27 +83,27 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station)
 
     def tagged(self, t_ns: int, station: str) -> None:
-        """A station has sent a TAG on the managers' bus: the command before it can be believed."""
+        """Note that a station has sent a TAG, which proves the command before it."""
         self._meet(t_ns, station, self._own.get(station, 0))
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
+        """Note that a second manager, `twin`, is about to start with a copy of the journal of `station`."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
     def follow_alive(self, t_ns: int, station: str, term: int) -> bool:
-        """Verify an ALIVE on the managers' bus; tells whether its term is active, and can be believed."""
+        """Verify an ALIVE on the managers' bus; tells whether its term is active."""
         if not self._has_key:
             self._meet(t_ns, station, term)
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """A manager has died: one that is started there may know nothing."""
+        """Forget the last LEASE of a station whose manager has died: the next manager there may know nothing."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:
-        """A manager repeats what runs, or goes on to what runs next."""
+        """Verify that a LEASE does not go back to an older epoch."""
         term, before = self._leased.get(station, (message.term, message.epoch))
         if term == message.term and is_newer(before, message.epoch):
             self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
@@ -109,11 +118,11 @@ class TermCheck(Oracle):
         if by in ("", self._twins.get(station)):
             self._prepared[message.epoch] = station, message
             return
-        story = f"epoch {message.epoch} is prepared in term {message.term}, and was another one in term {first.term}"
+        story = f"epoch {message.epoch} is prepared with one digest in term {message.term}, another in {first.term}"
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Two stations that use one term must notice each other, unless their bus is broken in the middle."""
+        """Verify that two stations do not use one term for too long, unless their bus is broken in the middle."""
         if self._is_split:
             return
         voices = self._voices.setdefault(term, {})
@@ -127,7 +136,7 @@ class TermCheck(Oracle):
             voices.clear()
 
     def said(self, state: StateSaid) -> None:
-        """A PE reports itself, on a bus, what it runs."""
+        """Verify the epoch that a PE reports."""
         bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return
@@ -135,7 +144,7 @@ class TermCheck(Oracle):
         term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, prepared.term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
-            story = f"{self._pe_of_node[node]} runs epoch {page.epoch} of term {term}, after one of term {before}"
+            story = f"{self._pe_of_node[node]} runs epoch {page.epoch} of term {term} after an epoch of term {before}"
             self._tell(t_ns, "term", story)
         self._taken[bus, node] = (page.incarnation, page.epoch, prepared.term)
 

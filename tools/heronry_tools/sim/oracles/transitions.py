@@ -1,12 +1,12 @@
-"""No bus exceeds its budget on the way from one configuration to the next, in whichever order the PEs take the steps.
+"""No bus exceeds its budget during a transition, in whichever order the PEs take the steps.
 
-When an epoch goes (the first GO or GO_ALL of it), what every PE runs until then is known from the states that were
-sent, and which PEs have stopped before from those in state BROKEN. `heronry_dg.verify_transition` plays every order in
-which the PEs may take the steps from there, and must find room for all that they publish in each of them.
+At the first GO or GO_ALL of an epoch, the oracle knows from state frames what every PE runs; PEs in state BROKEN have
+stopped already. `heronry_dg.verify_transition` goes through every order in which the PEs may take the remaining steps,
+and must find that the data fit on each bus at every moment.
 
-Verified is what is known: all PEs that take part, and run anything, are ACTIVE in one epoch that was put together from
-its frames, or BROKEN in the next one. Where a radio has shrunk, its whole budget counts here; what it is given is for
-`oracles.radio` to verify.
+Verified only if the present configuration is known: all PEs that take part and run anything are ACTIVE in one epoch
+that was read back from its frames, or BROKEN in the next one. A radio counts with its whole budget here; `radio`
+verifies the share that is usable.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,23 +24,23 @@ from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):
-    """Follows what each PE runs, and verifies each epoch when it goes."""
+    """Follows what each PE runs, and verifies each epoch at its first GO or GO_ALL."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
-        """`epochs` are those that were activated, by number, as they become known."""
+        """epochs: the activated epochs by number, filled while the run goes on."""
         super().__init__()
         self._spec, self._epochs = spec, epochs
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._told: dict[str, StatePage0] = {}
-        self._gone = 0  # the epoch that went last
+        self._gone = 0  # the last epoch with a GO or GO_ALL
         self._breaking = 0
 
     def said(self, state: StateSaid) -> None:
-        """A PE reports itself what it runs."""
+        """Note what a PE reports that it runs."""
         self._told[state.pe] = state.page
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """A step may be commanded."""
+        """Verify an epoch if this command is its first GO or GO_ALL."""
         if not isinstance(message, Activate | Lease):
             return
         epoch = self._epochs.get(message.epoch)
@@ -72,7 +72,7 @@ class TransitionCheck(Oracle):
         return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
 
     def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
-        """The epoch in which all these PEs are ACTIVE, if there is one."""
+        """Give the epoch in which all these PEs are ACTIVE; None if they are not in one epoch."""
         said = {(page.epoch, page.digest, page.state) for page in pages}
         number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))
         before = self._epochs.get(number)

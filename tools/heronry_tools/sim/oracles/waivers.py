@@ -1,9 +1,9 @@
-"""What cannot be promised, and when: while a fault of some kinds is present, and until all has come right again.
+"""Waivers: the times in which a requirement cannot be promised, because a fault of certain kinds is present.
 
-A waiver begins when its fault is injected and ends as long after the fault as something critical may be silent: one
-patience, and a second for planning, steps and first values. A violation of another moment counts like any other; one
-that may have begun at any time since an earlier moment does not count if it may have begun meanwhile.
-Where a fault leaves behind what comes to light much later (`lasting`), its waiver has no end.
+A waiver begins when its fault is injected, and ends one settling time after the end of that fault. The settling time is
+the longest time for which a critical function may be silent: one patience, and a second for planning, steps and first
+values. A waiver covers a violation that was seen during the waiver, or that may have begun during the waiver. Where a
+fault has consequences that appear much later (`lasting`), its waiver has no end.
 """
 
 from collections.abc import Iterable
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from heronry_tools.sim.oracles.violation import Violation
 
 REPORTS = "reports"
-"""The rule, for waivers, that a module reports real faults only."""
+"""Name, in waivers, of the rule that a module reports only real faults."""
 
 
 @dataclass(slots=True)
 class Waiver:
-    """Rules that are not verified from one moment to another one; None: to the end."""
+    """Rules that are not verified between two moments; no end where `to_ns` is None."""
 
     rules: frozenset[str]
     from_ns: int
@@ -28,19 +28,19 @@ class Waivers:
     """The waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
-        """`settling_ns`: how long after a fault its consequences may show."""
+        """settling_ns: time after the end of a fault in which its consequences may still appear."""
         self._settling_ns = settling_ns
         self._all: list[Waiver] = []
 
     def begin(self, rules: frozenset[str], now_ns: int) -> Waiver:
-        """Give a waiver that begins now; the code that ends its fault sets its end (`Waiver.to_ns`)."""
+        """Give a waiver that begins now; the code that ends the fault sets `Waiver.to_ns`."""
         waiver = Waiver(rules, now_ns)
         if rules:
             self._all.append(waiver)
         return waiver
 
     def cover(self, rule: str, t_ns: int, since_ns: int | None = None) -> bool:
-        """Tell whether a rule is not verified at a moment, or at some moment since another one."""
+        """Tell whether a rule is waived at `t_ns`, or at any moment from `since_ns` to `t_ns`."""
         first_ns = t_ns if since_ns is None else since_ns
         return any(
             rule in one.rules
@@ -54,7 +54,7 @@ class Waivers:
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unverified_ns(self, end_ns: int) -> dict[str, int]:
-        """How many ns of the time up to `end_ns` each rule was not verified."""
+        """For each rule, give the ns before `end_ns` in which it was waived."""
         rules = frozenset[str]().union(*(one.rules for one in self._all))
         return {rule: self._length_ns(rule, end_ns) for rule in sorted(rules)}
 

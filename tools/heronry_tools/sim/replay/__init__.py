@@ -1,1 +1,1 @@
-"""A recorded bus, put through the manager's core again: the same decisions, each with its reason."""
+"""Replays a recorded bus through the manager's core, which takes the same decisions and gives the reason for each."""

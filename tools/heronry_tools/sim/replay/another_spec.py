@@ -1,8 +1,8 @@
-"""Whether a recording can be of this spec at all.
+"""Detects that a recording was made with another spec.
 
-Two things show it: a slice that was sent whole, since its digest covers the spec's, and a plan that was called by its
-number, since its digest is on board then. One that fits is enough. Where none does, nothing of the mastership is
-replayed, and the first of them is the reason that is given.
+Two facts tell: a slice that was sent whole (its digest depends on the digest of the spec), and a contingency called by
+its number (its digest is then on board). One match suffices. Where nothing matches, no part of the mastership is
+replayed, and the first mismatch is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ from heronry_wire.pe_table import PeTable
 
 
 def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> Remark | None:
-    """Remark that a mastership was flown with another spec; None where it may be this one.
+    """Give a remark if a mastership was flown with another spec; None if it may have been flown with this one.
 
     on_board: tables with the contingencies.
     """
@@ -27,14 +27,14 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
     t_ns, prepared, _ = clues[0]
     name = f"epoch {prepared.epoch} ({prepared.digest:06X})"
     if prepared.contingency:
-        text = f"{name} is no contingency of {spec.name}: are spec and --contingencies the right ones?"
+        text = f"{name} is no contingency of {spec.name}: give the spec and --contingencies of the recording"
     else:
-        text = f"{name} is no configuration of {spec.name}: is it the right spec?"
+        text = f"{name} is no configuration of {spec.name}: give the spec of the recording"
     return Remark(t_ns, text, differs=True)
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
-    """Give each time and epoch that show whether a mastership is of this spec, and whether it is."""
+    """Give each PREPARE that shows which spec was flown: its time, itself, and whether it matches this spec."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}
@@ -55,7 +55,7 @@ def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tup
 
 
 def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:
-    """Bytes of a slice; None while some are missing."""
+    """Give the bytes of a slice; None while some are missing."""
     count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
     if head is None or not all(index in frames for index in range(1, count + 1)):
         return None

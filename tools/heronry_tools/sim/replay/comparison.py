@@ -1,4 +1,4 @@
-"""A recorded mastership beside its replay: which decisions are the same, and which only one of them has."""
+"""Compares a recorded mastership with its replay: decisions that both have, and decisions that only one has."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Taken = Literal["both", "recorded", "replayed"]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A decision, and whether both have it; `late_ns` is how much later the replay took it, where both did."""
+    """A decision, and who took it; `late_ns`: how much later the replay took it, where both did."""
 
     decision: Decision
     taken: Taken
@@ -21,19 +21,19 @@ class Compared:
 
     @property
     def t_ns(self) -> int:
-        """When it was taken."""
+        """When the decision was taken."""
         return self.decision.t_ns
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All decisions and remarks of a mastership, in the order of time."""
+    """All decisions and remarks of a mastership, in order of time."""
 
     mastership: Mastership
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
-        """Count what is not as recorded."""
+        """Count the decisions that only one side has, and the remarks on differences."""
         return sum(e.differs if isinstance(e, Remark) else e.taken != "both" for e in self.entries)
 
     def decisions(self) -> int:
@@ -44,7 +44,7 @@ class Comparison:
 def compared(mastership: Mastership, rerun: Rerun) -> Comparison:
     """Compare a mastership with its replay."""
     entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(mastership, rerun)]
-    entries.sort(key=lambda entry: entry.t_ns)  # stable: of one moment the remarks come first
+    entries.sort(key=lambda entry: entry.t_ns)  # stable: at equal times remarks come first
     return Comparison(mastership, entries)
 
 

@@ -1,16 +1,15 @@
-"""A recording of a flight with a key, read as one without: what the key proves, and nothing else.
+"""Turns a recording of a flight with a key into one without: keeps what the key proves, and drops the rest.
 
-The core that replays has no key: its own nonces and numbers would not be those of the recording. So the recording is
-rewritten as one without a key first, by the code that decides for a standby manager, too (`Authenticity`): sessions are
-those that the recorded WELCOMEs have opened.
+The core that replays has no key: its own nonces and numbers would differ from those in the recording. The code that
+decides for a standby manager (`Authenticity`) decides here, too; sessions are those that recorded WELCOMEs have opened.
 
-    a command          counts from its TAG on; the TAG is left out, and so is a command that was never proven
-    pages 0 and 1      get their digest back, where the tag in its place fits
+    a command          counts from the time of its TAG; TAGs and commands that are never proven are left out
+    pages 0 and 1      get their digest back if the tag in its place is correct
     an EMCY            follows the page 0 that has proven it
-    pages 2 and 3      are left out; so is every state that proves nothing
+    pages 2 and 3      are left out, as is every state that is not proven
 
-A state that a manager which had just been restarted could not believe yet counts here, if the session before was still
-open: a PE may be available in the replay a few periods sooner.
+A manager that has just restarted could not yet believe some states that count here, if the session before was still
+open: so a PE may become available in the replay a few periods sooner than in the flight.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,7 +33,7 @@ def is_tagged(frames: Iterable[LoggedFrame]) -> bool:
 
 
 def proven(spec: Spec, key: Key, frames: Sequence[LoggedFrame]) -> list[LoggedFrame]:
-    """Give what the frames of the manager's bus prove, in the order in which they do."""
+    """Give the frames on the manager's bus that are proven, in the order in which they are proven."""
     reader = _Reader(spec, key)
     return [logged._replace(frame=frame) for logged in frames for frame in reader.read(logged)]
 
@@ -44,7 +43,7 @@ class _Reader:
 
     def __init__(self, spec: Spec, key: Key) -> None:
         self._turn = Turn(FIRST_MANAGER, 0, term=0, silent=True)
-        self._digests: dict[int, int] = {}  # by epoch, as commanded
+        self._digests: dict[int, int] = {}  # by epoch, as the managers have announced them
         self._authenticity = Authenticity(spec, self._turn, key, digest_of=self._digests.get, speaks=lambda: False)
         self._states = {state_id(pe.node_id): pe for pe in spec.pes.values()}
         self._emergencies = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -53,7 +52,7 @@ class _Reader:
         }
 
     def read(self, logged: LoggedFrame) -> list[Frame]:
-        """Take the next frame; gives what it proves, or itself where it needs no proof."""
+        """Take the next frame; give the frames that it proves, or itself if it needs no proof."""
         frame = logged.frame
         self._turn.now_ns = logged.time_ns
         if frame.extended or frame.remote or frame.error:
@@ -66,7 +65,7 @@ class _Reader:
             found = self._command(*self._commands[frame.can_id], frame)
         else:
             found = [frame]
-        self._turn.end()  # what was noticed on the way is of no use here
+        self._turn.end()  # events for the core are not needed here
         return found
 
     def _state(self, frame: Frame) -> Iterator[Frame]:
@@ -83,7 +82,7 @@ class _Reader:
     def _emergency(self, frame: Frame) -> list[Frame]:
         emergency = decode_emergency(frame.data)
         if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
-            return [frame]  # reports of channels are not proven, and nothing follows from them
+            return [frame]  # reports of channels need no proof: no decision depends on them
         self._authenticity.hold_emergency(self._emergencies[frame.can_id], frame.data)
         return []
 

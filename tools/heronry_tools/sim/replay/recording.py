@@ -1,15 +1,15 @@
-"""What a recording holds: the masterships of its managers, what each manager commanded, and what it heard meanwhile.
+"""Reads a recording: the masterships of its managers, and for each what the manager commanded and heard.
 
-A *mastership* is known by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before the first
-LEASE, which is how long a manager listens, and ends with the last one. A *decision* is the first PREPARE of an epoch,
-or the first ACTIVATE with a step; repetitions are none.
+A *mastership* is identified by its LEASEs: their sender (126 or 127) and their term. It begins T_lease before the first
+LEASE, since a manager listens for so long, and ends with the last LEASE. A *decision* is the first PREPARE of an epoch,
+or the first ACTIVATE with a step; repetitions are no decisions.
 
-A mastership that does not begin in the recording cannot be replayed: what runs by then was decided before. It is
-recognized by its first LEASE, which names an epoch.
+A mastership whose begin was not recorded cannot be replayed: decisions before the recording are unknown. Its first
+LEASE shows that, as it names an epoch.
 
-Lines that are no frames are counted. A recording may hold several buses, told apart by the channel's name; the
-manager's is the one that is named as in the spec, or the only one, or the one that the user names. Of a replicated one
-the user may name both channels, with a comma between them: each frame then counts once.
+Lines that are no frames are counted. A recording may hold several buses, which differ in the name of the channel. The
+manager's bus is the channel named as in the spec, or the only one, or the one that the user names. For a replicated bus
+the user may name both channels, separated by a comma; each frame then counts once.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A step that a manager took towards a configuration, at `t_ns`; the same one whenever it is taken."""
+    """A step that a manager took towards a configuration, at `t_ns`; two decisions are equal whatever their times."""
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE
@@ -50,22 +50,22 @@ class Mastership:
     term: int
     first_ns: int  # of LEASE
     last_ns: int
-    epoch: int  # that the first LEASE names; 0: none yet
-    heard: list[tuple[int, Frame]] = field(default_factory=list)  # by the manager, from when it began to listen
-    said: list[tuple[int, Command, Frame]] = field(default_factory=list)  # its commands
+    epoch: int  # named by the first LEASE; 0: none yet
+    heard: list[tuple[int, Frame]] = field(default_factory=list)  # by the manager, since it began to listen
+    said: list[tuple[int, Command, Frame]] = field(default_factory=list)  # commands that it sent
     decisions: list[Decision] = field(default_factory=list)
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
     def calls_by_number(self) -> bool:
-        """Tell whether it called a contingency by its number, and so flew with contingencies."""
+        """Tell whether the manager called a contingency by its number, and so flew with contingencies."""
         prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
         return any(isinstance(message, Prepare) and message.contingency for message in prepared)
 
 
 def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
-    """Read a candump log; gives its frames in the order of their times, and how many lines are none.
+    """Read a candump log; gives its frames in order of time, and the number of lines that are no frames.
 
-    Raises UserError where not a single line is a frame; OSError where the file cannot be read.
+    Raises UserError if no line is a frame; OSError if the file cannot be read.
     """
     lines = [line for line in path.read_text(encoding="ascii", errors="replace").splitlines() if line.strip()]
     parsed = [parse_log_line(line) for line in lines]
@@ -76,7 +76,7 @@ def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
 
 
 def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
-    """Frames of the manager's bus; raises UserError where it is unclear which of several that is."""
+    """Give the frames of the manager's bus; raises UserError if the recording does not show which bus that is."""
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:
         channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
@@ -94,7 +94,7 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
 
 
 def masterships(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
-    """Every mastership on the manager's bus, in the order of their first LEASEs."""
+    """Give every mastership on the manager's bus, in the order of their first LEASEs."""
     found: list[Mastership] = []
     for logged in frames:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
@@ -126,7 +126,7 @@ def decision_of(node: int, t_ns: int, frame: Frame) -> Decision | None:
 
 
 def note(decisions: list[Decision], decision: Decision | None) -> None:
-    """Append a decision, unless it repeats one of the list."""
+    """Append a decision, unless it repeats one in the list."""
     if decision is not None and decision not in decisions:
         decisions.append(decision)
 

@@ -1,19 +1,18 @@
-"""One recorded mastership, put through the manager's core again.
+"""Replays one recorded mastership through the manager's core.
 
-The core gets the frames that the manager heard, at the times of the recording, and its deadlines in between. The bus
-does not show when the planner answered, and with which of the plans that a manager may fly with: that is taken from
-what the manager prepared next.
+The core gets the frames that the manager heard, at their recorded times, and its own deadlines in between. The bus does
+not show when the planner answered, nor with which plan; both are derived from what the manager prepared next:
 
-- If the digest that was prepared is that of the best plan, of the greedy one, or of a contingency, that is the answer,
-  given when PREPARE was recorded.
-- If it is another configuration, and a legal one in the situation of the core's request, the core is given just that,
-  so that the rest can be replayed; the difference is a remark, with what either plan is worth.
-- If nothing that was prepared later is legal in it, there was no answer in time: the next request overtook it, or the
-  plan was no better than what ran.
+- If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, this is the answer, given at
+  the time of the PREPARE.
+- If it is another configuration that is legal in the situation of the core's request, the core gets this one, so that
+  the rest can be replayed. A remark reports the difference, and the value of both plans.
+- If nothing prepared later is legal in that situation, there was no answer in time: the next request replaced it, or
+  the plan was no better than what ran.
 - If a LEASE names a configuration that would be planned now, the manager adopted it.
 
-The operator's orders are not on the bus. What followed from them is shown as recorded and not replayed, and so is all
-that depends on it.
+The operator's orders are not on the bus. Their consequences are shown as recorded, but not replayed, and so is
+everything that depends on them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -48,7 +47,7 @@ from heronry_wire.management import decode_command
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send, Tick
 
-_EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before its request here
+_EARLY_NS = 20_000_000  # a recorded PREPARE may precede its request in the replay by so much (clocks, loops)
 _TOLD = {"pe_lost", "pe_absent", "pe_joined", "fault_reported", "fault_cleared", "phase_changed", "adopted"}
 _TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
 _NAMES = {
@@ -60,7 +59,7 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A sentence on what led the core to its decisions, or on what differs."""
+    """A sentence on a reason for the core's decisions, or on a difference."""
 
     t_ns: int
     text: str
@@ -75,10 +74,10 @@ class _Answer:
 
 
 class Planners:
-    """The plans that a manager of a spec may fly with; each configuration by name, as a digest tells it."""
+    """The plans that a manager of a spec may fly with, each found by the digest of its configuration."""
 
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
-        """`ahead`: the contingencies, if there are any."""
+        """ahead: the contingencies, if there are any."""
         self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
         self._planner, self._compiler = Planner(spec), Compiler(spec)
         made = self.ahead.made
@@ -88,11 +87,11 @@ class Planners:
         self._fittings = (*with_plans, with_solver, without_solver)
 
     def digest(self, configuration: Configuration) -> int:
-        """Digest by which PREPARE and LEASE name a configuration."""
+        """Give the digest by which PREPARE and LEASE name a configuration."""
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Give every plan that could answer a request, the likeliest first: with and without contingencies, solver."""
+        """Give every plan that could answer a request, likeliest first: with and without contingencies and solver."""
         found = set()
         for policy in self._fittings:
             (instruction,) = policy.step(request)
@@ -102,7 +101,7 @@ class Planners:
                     yield _NAMES[answer.source], answer.answer.plan
 
     def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
-        """Answers of a policy, with those of the exact planner where it asks for them."""
+        """Give the answers of a policy, and those of the exact planner if the policy requests them."""
         match instruction:
             case Answer():
                 yield instruction
@@ -110,12 +109,12 @@ class Planners:
                 plan = self._planner.plan(request.now, request.running)
                 for then in policy.step(PlannerAnswered(PlanReady(request.request, plan))):
                     yield from self._answers(policy, then)
-            case PrePlan():  # pragma: no cover - nothing has settled
+            case PrePlan():  # pragma: no cover - requested only when nothing is under way
                 return
 
 
 class Rerun:
-    """The replay of one mastership: `decisions` and `remarks` fill while it runs."""
+    """The replay of one mastership; `run` fills `decisions` and `remarks`."""
 
     def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
@@ -126,18 +125,18 @@ class Rerun:
         self._answer: _Answer | None = None
         self._ended = False
         began_ns = mastership.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
-        memory = Memory(term=mastership.term - 1)  # the term that follows is the recorded one
+        memory = Memory(term=mastership.term - 1)  # the core begins the next term, which is the recorded one
         self._core = ManagerCore(spec, mastership.node, memory, began_ns, on_board=planners.ahead.numbers)
 
     def run(self) -> None:
-        """Replay all of it."""
+        """Replay the whole mastership."""
         for t_ns, frame in self._mastership.heard:
             self._until(t_ns)
             self._step(t_ns, Received(0, frame))
         self._until(self._mastership.last_ns)
 
     def _until(self, t_ns: int) -> None:
-        """Give the core what is due before a moment: deadlines, and answers of the planner."""
+        """Give the core all deadlines, and answers of the planner, that are due before `t_ns`."""
         while not self._ended:
             deadline_ns = self._core.next_deadline_ns()
             answer = self._answer
@@ -172,7 +171,7 @@ class Rerun:
             self.remarks.append(Remark(now_ns, f"{text}: {detail}" if detail else text))
 
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
-        """Find out what the planner answered, and when; None where it did not, or not in time."""
+        """Derive what the planner answered, and when; None if it did not answer in time."""
         likeliest_last = list(self._planners.plans(request))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
         prepared = [d for d in self._mastership.decisions if d.what == "PREPARE" and d not in self.decisions]
@@ -189,7 +188,7 @@ class Rerun:
         return None if recorded is None else self._another(at_ns, request, recorded, known)
 
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
-        """Digest that LEASE names though nothing has been prepared in this mastership yet; None: there is none."""
+        """Give the digest that LEASE names before any PREPARE of this mastership; None if there is none."""
         if self.decisions:
             return None
         until_ns = self._mastership.last_ns if following is None else following.t_ns
@@ -207,9 +206,9 @@ class Rerun:
         self, at_ns: int, request: RequestPlan, recorded: Plan, known: Mapping[int, tuple[str, Plan]]
     ) -> _Answer:
         best = max((plan for _, plan in known.values()), key=lambda plan: plan.objective.key())
-        worth = "worth the same" if recorded.objective.key() == best.objective.key() else "not worth the same"
+        worth = "of equal value" if recorded.objective.key() == best.objective.key() else "of another value"
         ours, theirs = (plan.objective.key() for plan in (best, recorded))
-        text = f"another legal plan was made than the best one here, {worth}: {theirs}, here {ours}"
+        text = f"the recorded plan is legal but differs from the best one, {worth}: recorded {theirs}, best {ours}"
         return _Answer(at_ns, PlanReady(request.request, recorded), Remark(at_ns, text, differs=True))
 
 
@@ -220,7 +219,7 @@ def _answer(at_ns: int, request: RequestPlan, name: str, plan: Plan) -> _Answer:
 
 
 def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:
-    """Configurations that were sent or called, and activated, in a mastership, by digest."""
+    """Give the configurations that were activated in a mastership, by digest."""
     commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
     for t_ns, command, frame in mastership.said:
         message = decode_command(command, frame.data)

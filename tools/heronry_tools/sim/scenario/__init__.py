@@ -1,1 +1,1 @@
-"""Scenario files: what happens to an aircraft, what is expected to be heard of it, and what its manager decided."""
+"""Scenario files: what happens to an aircraft, which frames are expected, and what the manager decided."""

@@ -1,12 +1,12 @@
-"""Faults of radios and channels in flights of real processes: what the simulator does to a bus, done to its hub.
+"""Faults of radios and channels in flights of real processes: the hub of a software bus disturbs the bus.
 
-    omission bus:B level N      receivers miss N frames in a thousand
-    collapse bus:B level N      bits take N times longer
-    link_cut bus:B              nothing passes any more
-    channel_loss channel:B.N    the same, of one channel of a replicated bus
+    omission bus:B level N      receivers miss N of a thousand frames
+    collapse bus:B level N      each bit takes N times as long
+    link_cut bus:B              no frame passes
+    channel_loss channel:B.N    no frame passes on one channel of a replicated bus
 
-What is done to a bus at a moment follows from the script and the time alone. Where several faults overlap, the worst
-counts; with the last one the radio is a good one again.
+The disturbance at a moment depends only on the script and the time. Where several faults overlap, the worst one counts;
+after the last one ends, the bus is undisturbed again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -24,14 +24,14 @@ _NOTHING: CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "extended": False}]
 
 
 class Disturbance(NamedTuple):
-    """How much slower a bus is than it should be, and how many frames of a thousand receivers miss."""
+    """How many times slower a bus is than normal, and how many of a thousand frames its receivers miss."""
 
     slowdown: int = 1
     loss_per_mille: int = 0
 
 
 def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
-    """Disturbance of one bus at a time of the script, in ns."""
+    """Give the disturbance of one bus at a time of the script (ns)."""
     levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
         fault = deed.fault
@@ -42,10 +42,10 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
 
 
 class BadRadios:
-    """The radios of one flight; as a context manager it closes its connections to them at the end."""
+    """The disturbed buses of one flight; as a context manager it closes its connections to their hubs at the end."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
-        """`channels` are the paths of hubs, by the name of the bus or of its channel; others are left alone."""
+        """channels: path of the hub for each bus or channel, by name; a fault of another bus has no effect."""
         self._faults: dict[str, list[Deed]] = {}
         for deed in deeds:
             if deed.fault is not None:
@@ -63,7 +63,7 @@ class BadRadios:
             client.shutdown()
 
     def next_ns(self, elapsed_ns: int) -> int | None:
-        """Time of the script, in ns, at which something changes next; None where nothing does."""
+        """Give the time of the script (ns) at which a disturbance changes next; None if none does."""
         times = [
             time_ns
             for deeds in self._faults.values()
@@ -75,7 +75,7 @@ class BadRadios:
         return min(times, default=None)
 
     def follow(self, elapsed_ns: int) -> None:
-        """Disturb the radios as the script has it at this time."""
+        """Set the disturbances of all buses to those of this time of the script (ns)."""
         for bus, deeds in self._faults.items():
             wanted = disturbance(deeds, elapsed_ns)
             if wanted != self._now[bus]:

@@ -1,14 +1,15 @@
-"""Expectations evaluated by what was heard: whether each held from when it had to, and if not, what was seen instead.
+"""Evaluates the expectations of a scenario by the frames that were heard, and says what was heard instead.
 
-An expectation *holds since* the first of an unbroken chain of frames that show it, up to the end of its time; a chain
-breaks where a frame shows otherwise, or where none comes for longer than is usual:
+An expectation *holds since* the first frame of an unbroken chain of frames that agree with it. The chain must last to
+the end of the expectation's time. It breaks at a frame that contradicts the expectation, and where no frame comes for
+longer than this:
 
-    outputs     two and a half periods of the slowest mode that makes them: one that is missing is no silence, two are
-    data        the same
-    states      one heartbeat more than the bus lets a PE miss
-    LEASE       as long as a PE takes for a lost manager
+    outputs     two and a half periods of the slowest mode that makes them: one missing output is no silence, two are
+    data        two and a half periods likewise
+    states      one heartbeat period more than the bus lets a PE miss
+    LEASE       the time after which a PE considers its manager lost
 
-Real processes share a computer that does other things too; there the patience is longer (`slack_ns`).
+Real processes share a computer with other programs, so these times are longer there (`slack_ns`).
 """
 
 from collections.abc import Iterable
@@ -23,12 +24,12 @@ from heronry_wire.protocol_times import heard_ns, t_lease_ns
 from heronry_wire.state_frames import PeState
 
 Mark = tuple[int, bool]
-"""When a frame was heard, and whether it says what is expected."""
+"""When a frame was heard (ns), and whether it agrees with the expectation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of one expectation; `seen` is a sentence."""
+    """The result for one expectation; `seen` is a sentence on what was heard."""
 
     expectation: Expectation
     holds: bool
@@ -39,7 +40,7 @@ class Evaluation:
     """Evaluates the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
-        """`start_ns` is the moment from which the script counts."""
+        """start_ns: the time at which the script begins. slack_ns: added to the longest gap between frames."""
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
     def verdict(self, one: Expectation) -> Verdict:
@@ -58,7 +59,7 @@ class Evaluation:
         kind, _, name = one.subject.partition(":")
         marks, patience_ns = self._marks(one, kind, name)
         until_ns = self._ns(one.until_ns)
-        if patience_ns is None:  # one report is enough
+        if patience_ns is None:  # one frame is enough
             from_ns = self._ns(one.from_ns)
             return next((t for t, says in marks if says and from_ns <= t <= until_ns), None)
         return holds_since(marks, patience_ns + self._slack_ns, until_ns)
@@ -86,7 +87,7 @@ class Evaluation:
                 return [(t, element == one.subject) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """When a frame was last heard, in the time of the expectation, that contradicts it."""
+        """Give when the last frame that contradicts an expectation was heard in its time; None if there is none."""
         kind, _, name = one.subject.partition(":")
         heard = self._heard
         match kind:
@@ -107,7 +108,7 @@ class Evaluation:
         return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
 
     def _epoch_at(self, from_ns: int) -> int:
-        """Epoch that a state named last before a moment; the first one of all where there was none."""
+        """Give the epoch in the last state before a moment; in the first state of all if there is none before."""
         named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
         before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
         return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
@@ -135,15 +136,15 @@ class Evaluation:
     def _seen(self, one: Expectation, since_ns: int | None) -> str:
         if since_ns is not None:
             if since_ns <= self._ns(one.from_ns):
-                return "it was so all the time"
-            return f"it was so from {self._s(since_ns)} on, {self._after(one, since_ns)}"
+                return "this held all the time"
+            return f"this held from {self._s(since_ns)} on, {self._after(one, since_ns)}"
         if one.state == "reported":
-            return f"up to {self._s(self._ns(one.until_ns))} no PE reported it"
+            return f"no PE reported that up to {self._s(self._ns(one.until_ns))}"
         told = self._last_words(one)
-        return f"at {self._s(self._ns(one.until_ns))} it was not so; heard last was {told or 'nothing'}"
+        return f"this did not hold at {self._s(self._ns(one.until_ns))}; the last heard was {told or 'nothing'}"
 
     def _last_words(self, one: Expectation) -> str | None:
-        """Sentence on what was heard last of a subject, and when."""
+        """Say what was heard last of an expectation's subject, and when; None if nothing was."""
         kind, _, name = one.subject.partition(":")
         heard, until_ns = self._heard, self._ns(one.until_ns)
         match kind:
@@ -183,7 +184,7 @@ def _patience_ns(modes: Iterable[Mode]) -> int:
 
 
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
-    """Give the beginning of the unbroken chain of marks that reaches `until_ns`; None where there is none."""
+    """Give the begin of the unbroken chain of marks that reaches `until_ns`; None if there is none."""
     since_ns = last_ns = None
     for t_ns, says in marks:
         if t_ns > until_ns:

@@ -1,4 +1,4 @@
-"""The result of a flight of a script, in the simulator or with real processes."""
+"""The result of flying a script, in the simulator or with real processes."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from heronry_tools.sim.scenario.script import Script
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """Verdicts on what was expected, what must never have been and was, and what was decided."""
+    """The result of one flight: verdicts on expectations, violations, the decision trace."""
 
     script: Script
     where: str
@@ -16,10 +16,10 @@ class Flown:
     verdicts: tuple[Verdict, ...]
     violations: tuple[str, ...]
     trace: tuple[str, ...]
-    differences: tuple[str, ...] | None = None  # from the golden trace; None where there is none
+    differences: tuple[str, ...] | None = None  # from the golden trace; None if there is none
     digest: str = ""  # of all frames, in the simulator
 
     @property
     def holds(self) -> bool:
-        """Tell whether every expectation holds, nothing is broken, and the trace is as before."""
+        """Tell whether every expectation holds, no requirement is violated, and the trace equals the golden one."""
         return not (self.violations or self.differences) and all(verdict.holds for verdict in self.verdicts)

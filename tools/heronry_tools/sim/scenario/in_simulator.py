@@ -1,8 +1,8 @@
-"""A script flown in the simulator: virtual time, the flight cores, everything from the script's seed.
+"""Flies a script in the simulator: virtual time, the flight cores, all random values from the script's seed.
 
-Beside what the script expects, the simulator's oracles verify all that they know, as in a flight that a seed draws
-(`end_of_flight`): what must never be, silence for which there is no need, and, once all faults that can be ended have
-been ended after the script's end, that all comes right again. A core that dies ends the flight, and fails it.
+Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn one
+(`end_of_flight`): what must always hold, silences without need, and, after the script, that the aircraft converges once
+every fault that can be ended is ended. An exception of a core ends the flight, which then fails.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ _LONGEST_START_NS = 20_000 * MS
 
 
 def _take_off(script: Script) -> Simulation:
-    """Begin the flight of a script, without the PEs that are not there yet."""
+    """Give the simulation of a script, without the PEs that are absent at first."""
     return Simulation(
         script.spec,
         script.seed,
@@ -40,21 +40,21 @@ def _take_off(script: Script) -> Simulation:
 
 
 def fly(script: Script, *, is_compared: bool = True) -> Flown:
-    """Fly a script; raises UserError where something cannot be done at its time.
+    """Fly a script; raises UserError if something cannot be done at its time.
 
-    is_compared: with its golden trace, if there is one; not where that is to be made anew.
+    is_compared: compare the trace with the golden one, if there is one; False if that is about to be rewritten.
     """
     flight = _take_off(script)
     heard = Observations(script.spec)
     flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
-    lines: tuple[str, ...] = ()  # of a flight that a core has ended there are none
+    lines: tuple[str, ...] = ()  # stays empty if an exception of a core ends the flight
     try:
         injections, deeds = _play(flight, script)
         lines = _decided(flight, deeds)
         violations = _end(flight, script, injections)
     except UserError:
         raise
-    except Exception as error:  # noqa: BLE001 - any death of a core is what is looked for
+    except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = [str(violation) for violation in ended_by(flight, error)]
     evaluation = Evaluation(script.spec, heard, _start_ns(flight))
     return Flown(
@@ -70,7 +70,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
 
 
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
-    """Do what the script says, up to its end; gives its deeds: how many events were before, and the trace line."""
+    """Do what the script says, to its end; gives for each deed the number of events before it, and its trace line."""
     _begin(flight, script)
     start_ns = _start_ns(flight)
     injections, deeds = Injections(flight, script.faults, start_ns), []
@@ -83,17 +83,17 @@ def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[in
 
 
 def _end(flight: Simulation, script: Script, injections: Injections) -> list[str]:
-    """End the flight; gives what must not be, as sentences."""
+    """End the flight; gives the violations as sentences."""
     injections.injected += _injected(flight, script)
     violations = end_flight(flight, injections, (deed.target for deed in script.deeds))
     return [*_missed(script, injections), *map(str, flight.waivers.promised(violations))]
 
 
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
-    """Give what was done besides faults, as far as its effects can be verified.
+    """Give what was done besides faults, for the oracle `service`.
 
-    Of two managers the death of one is an instant, since the other one takes over. When an actuator that sticks is
-    noticed depends on the monitors.
+    The death of one of two managers takes no time here, since the other takes over. A jammed actuator has no known
+    element: the time of its detection depends on the monitors.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):
@@ -108,7 +108,7 @@ def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
 
 
 def _missed(script: Script, injections: Injections) -> Iterator[str]:
-    """Sentences on faults that were not injected, or not in the state that the script names."""
+    """Give a sentence for each fault that was not injected, or not in the state that the script names."""
     for deed in script.deeds:
         story = None if deed.fault is None else not_injected(deed.fault, deed.text, injections)
         if story is not None:
@@ -116,7 +116,7 @@ def _missed(script: Script, injections: Injections) -> Iterator[str]:
 
 
 def _begin(flight: Simulation, script: Script) -> None:
-    """Fly to the moment at which the first configuration runs."""
+    """Fly until the first configuration runs; raises UserError if that takes too long."""
     while not flight.events_of("reconfigured"):
         flight.run_for(MS)
         if flight.now_ns > _LONGEST_START_NS:
@@ -124,7 +124,7 @@ def _begin(flight: Simulation, script: Script) -> None:
 
 
 def _start_ns(flight: Simulation) -> int:
-    """When the first configuration ran; now, where none has."""
+    """Give when the first configuration ran; the present time if none has."""
     return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 
@@ -132,7 +132,7 @@ def _do(flight: Simulation, script: Script, deed: Deed) -> None:
     try:
         match deed.what, deed.target:
             case "fault", _:
-                pass  # it is injected by `Injections`
+                pass  # `Injections` injects faults
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")
             case "kill", target if target in MANAGERS:
@@ -153,13 +153,13 @@ def _say(flight: Simulation, deed: Deed) -> None:
     """Let the operator give an order."""
     reply = flight.operator.say(ORDERS[deed.what](deed.target))
     if reply is None:
-        raise UserError(f"'{deed.text}': no manager is active then that could accept it; do it at another time")
+        raise UserError(f"'{deed.text}': no manager is active at that time to accept the order; choose another time")
     if not reply.done:
         raise UserError(f"'{deed.text}': {reply.sentence}")
 
 
 def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:
-    """Lines of the trace: what was done, and what the manager decided, in the order of time."""
+    """Give the lines of the trace: what was done and what the manager decided, in order of time."""
     lines, waiting = [], list(deeds)
     for number, event in enumerate(flight.events):
         while waiting and waiting[0][0] <= number:

@@ -1,13 +1,16 @@
-"""A script flown for real: the managers and every PE as processes of their own, on software buses or on a given bus.
+"""Flies a script with real processes: every manager and PE is a process, on software buses or on a given bus.
 
-Time is real, and the computer does other things too: outputs are given 100 ms more before they count as silent, what is
-expected where a process is started has 3 s more to come true, and no golden trace is compared; `--patience N` makes the
-first N times as long, and what is expected within a time may then take N times that. Partitions load their code when
-their first module is started, so times count from when all that the first configuration serves has been heard; what is
-not heard in LOADING_S is left to the expectations. What can be done to processes is in `process_deeds`, and a radio can
-be disturbed (`bad_radios`); other faults of wires, clocks and controllers can be injected in the simulator alone.
+Time is real, and the computer runs other programs. So an output may be late by 100 ms before it counts as silent, an
+expectation during the start of a process gets 3 s more, and no golden trace is compared. `--patience N` multiplies the
+100 ms by N, and also the time within which an expectation must come true.
 
-When the flight ends, for whatever reason, everything that it has started is ended (`Fleet`).
+Partitions load their code when their first module starts. So the script begins when all functions that the first
+configuration serves have been heard, but no later than LOADING_S after that configuration runs.
+
+Only some deeds can be done to processes (`process_deeds`), and a radio can be disturbed (`bad_radios`). Other faults of
+wires, clocks and controllers can be injected only in the simulator.
+
+When the flight ends, for whatever reason, all processes that it has started are ended (`Fleet`).
 """
 
 import argparse
@@ -53,16 +56,16 @@ _LONGEST_WAIT_S = 0.1
 def check(script: Script) -> None:
     """Refuse a script without expectations, or with deeds that cannot be done to processes; raises UserError."""
     if not script.expectations:
-        raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
+        raise UserError(f"{script.file}: no 'expect' in this file; add for example '{EXAMPLE}', or omit -i and -c")
     for deed in script.deeds:
         if not (can_be_done(deed) or _is_of_a_radio(script, deed)):
             raise UserError(
-                f"{script.file}:{deed.line}: '{deed.text}' can be done in the simulator alone; leave -i and -c out"
+                f"{script.file}:{deed.line}: '{deed.text}' can be done only in the simulator; leave -i and -c out"
             )
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault of a bus that is a software bus of our own in every flight."""
+    """Tell whether a deed is a fault of a bus that is always a software bus started by the flight."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
@@ -79,8 +82,8 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         of_radios = [deed for deed in script.deeds if _is_of_a_radio(script, deed)]
         for deed in of_radios:
             if deed.fault is not None and deed.fault.name not in hubs:
-                where = "on software buses of its own"
-                raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done {where} alone; leave -c out")
+                where = "on software buses that the flight starts"
+                raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done only {where}; leave -c out")
         fleet.start_buses(choices)
         ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
         radios = stack.enter_context(BadRadios(of_radios, hubs))
@@ -88,12 +91,12 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
 
 
 def _made_ahead(script: Script) -> Contingencies | None:
-    """Make the contingencies that the script asks for."""
+    """Make the contingencies of a script; None if it has none."""
     return None if script.contingencies is None else plan_ahead(script.spec, script.contingencies)
 
 
 def _made_key(script: Script, folder: Path) -> Path | None:
-    """Make the key that the script asks for."""
+    """Make the key file of a script; None if it has no key."""
     if not script.has_key:
         return None
     file = folder / "fleet.key"
@@ -102,7 +105,7 @@ def _made_key(script: Script, folder: Path) -> Path | None:
 
 
 def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """What python-can's flags say of the manager's bus; None for a software bus of our own."""
+    """Give interface, channel and bit rate of the manager's bus from python-can's flags; None for a software bus."""
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if channel is not None:
         return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
@@ -112,7 +115,7 @@ def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
 
 
 def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
-    """Paths of the hubs that this flight has started, by the name of what they carry: radio, can0.1."""
+    """Give the paths of the hubs that this flight has started, by bus or channel (`radio`, `can0.1`)."""
     return {
         name if choice.channels == 1 else f"{name}.{number}": config["channel"]
         for name, choice in choices.items()
@@ -128,12 +131,12 @@ class _Show:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
         self._patience = patience
         self._heard = Observations(script.spec)
-        self._deeds = list(script.deeds)  # that are not in the trace yet
+        self._deeds = list(script.deeds)  # those not in the trace yet
         self._steps = steps(script.deeds)
-        self._events: dict[int, EventStream] = {}  # by the manager's node
+        self._events: dict[int, EventStream] = {}  # by node-ID of the manager
         self._starting_ns = {step.deed.at_ns for step in self._steps if step.what == "restore"}
-        self._injected: dict[int, int] = {}  # by the line of a deed: the node of its manager
-        self._served: list[str] = []  # functions, by the last plan
+        self._injected: dict[int, int] = {}  # by line of a deed: the node-ID of its manager
+        self._served: list[str] = []  # functions that the last plan serves
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
         self._trace: list[str] = []
@@ -172,7 +175,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Give an expectation more time, by patience, and where a process is started first."""
+        """Give an expectation more time: by `patience`, and if a process is started in it."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -201,7 +204,7 @@ class _Show:
             self._runs_ns = event["t_ns"]
 
     def _begin(self) -> None:
-        """Begin the script when every function that the first configuration serves is heard."""
+        """Begin the script once every function that the first configuration serves was heard, or after LOADING_S."""
         if self._start_ns is not None or self._runs_ns is None:
             return
         now_ns, functions = time.monotonic_ns(), self._script.spec.functions
@@ -237,7 +240,7 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Do a step to the manager that the deed names; its last step to the same manager as its first."""
+        """Do a step to the manager that the deed names; the last step goes to the same manager as the first."""
         node = self._injected.get(step.deed.line) if step.is_last else MANAGERS[step.target]
         if node is None:
             node = FIRST_MANAGER if step.what == "restore" else self._fleet.active_manager()

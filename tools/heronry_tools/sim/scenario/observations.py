@@ -1,7 +1,7 @@
-"""What was heard of an aircraft on its managers' bus, with times: the only thing that expectations are evaluated by.
+"""Everything that was heard on the managers' bus, with times: the only input of expectations.
 
-Outputs come from the witness (echoes of actuators, frames of outputs); data, states of PEs, EMCYs and LEASEs from their
-own frames. Events of a manager are not used. All is kept until the flight is over and evaluated then, so a flight in
+Outputs come from the witness (echoes of actuators, frames of outputs). Data, states of PEs, EMCYs and LEASEs come from
+their frames. Events of a manager are not used. All is kept until the flight is over and evaluated then, so a flight in
 the simulator and one of real processes are evaluated alike.
 """
 
@@ -29,13 +29,13 @@ class Heard:
 
 @dataclass(slots=True)
 class Observations:
-    """Everything that was heard, in the order of time."""
+    """Everything that was heard, in order of time."""
 
     spec: Spec
     outputs: list[Output] = field(default_factory=list)
-    data: list[tuple[int, str]] = field(default_factory=list)  # when, variable
+    data: list[tuple[int, str]] = field(default_factory=list)  # time (ns), variable
     states: list[Heard] = field(default_factory=list)
-    reports: list[tuple[int, str]] = field(default_factory=list)  # when, element
+    reports: list[tuple[int, str]] = field(default_factory=list)  # time (ns), element
     leases: list[int] = field(default_factory=list)
     witness: Witness = field(init=False)
     _variables: dict[int, str] = field(init=False)
@@ -57,7 +57,7 @@ class Observations:
         }
 
     def see(self, t_ns: int, frame: Frame) -> None:
-        """Take a frame of the managers' bus that ended at `t_ns`."""
+        """Take a frame on the managers' bus; `t_ns` is its end."""
         if frame.extended or frame.remote:
             return
         variable = self._variables.get(frame.can_id)

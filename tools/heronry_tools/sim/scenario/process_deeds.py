@@ -1,7 +1,8 @@
-"""What is done to real processes, step by step: the orders of a script, kills, and faults that are two steps.
+"""The deeds of a script that can be done to real processes, as single steps.
 
-A death that is over after a while is a kill and a restore; a pause is a SIGSTOP and a SIGCONT. A fault that waits for a
-state of the protocol cannot be injected: the state is not known here in time.
+These are the orders of the operator, kills, and faults that consist of two steps: a death with an end is a kill and a
+restore, a pause is a SIGSTOP and a SIGCONT. A fault that waits for a state of the protocol cannot be injected, since
+this program learns of the state too late.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,16 +21,16 @@ _NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One thing that is done: kill, restore, stop, go_on, phase, fail or clear."""
+    """One step: kill, restore, stop, go_on, phase, fail or clear."""
 
     at_ns: int
     what: str
     deed: Deed
-    is_last: bool = False  # it ends what an earlier step of its deed has begun
+    is_last: bool = False  # it ends what the first step of its deed has begun
 
     @property
     def target(self) -> str:
-        """Element or manager that it is done to."""
+        """The element or manager to which the step is done."""
         return self.deed.target
 
 
@@ -41,7 +42,7 @@ def can_be_done(deed: Deed) -> bool:
 
 
 def steps(deeds: Iterable[Deed]) -> list[Step]:
-    """Everything that is done to processes, in order; other deeds are left out."""
+    """Give the steps of all deeds that can be done to processes, in order of time."""
     found = [step for deed in deeds if can_be_done(deed) for step in _steps_of(deed)]
     return sorted(found, key=lambda step: step.at_ns)
 

@@ -1,4 +1,4 @@
-"""Results of scenarios: as text, as JSON, and as JUnit."""
+"""Reports on flown scenarios, as text, as JSON and as JUnit."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,19 +9,19 @@ from heronry_tools.sim.scenario.flown import Flown
 
 
 def text_report(flown: Flown) -> list[str]:
-    """Lines of text: one where all holds, else also what was expected and what was seen."""
+    """Give lines of text: one line if everything holds, else also what was expected and what was heard."""
     file, count = flown.script.file, len(flown.verdicts)
     head = f"{file}: {'holds' if flown.holds else 'FAILS'} ({flown.seconds:g} s in {flown.where}, {count} expected)"
     lines = [f"  {_failed(flown, verdict)}" for verdict in flown.verdicts if not verdict.holds]
-    lines += [f"  must not be: {violation}" for violation in flown.violations]
+    lines += [f"  violated: {violation}" for violation in flown.violations]
     if flown.differences:
-        lines.append("  decided otherwise than before; where that is right, --rewrite keeps it:")
+        lines.append("  decisions differ from the golden trace; if they are right, --rewrite records them:")
         lines += [f"    {line}" for line in flown.differences]
     return [head, *lines]
 
 
 def document(flown: Flown) -> dict[str, Any]:
-    """One flight as plain data."""
+    """Give one flight as plain data, for JSON."""
     return {
         "file": str(flown.script.file),
         "why": flown.script.why,
@@ -44,7 +44,7 @@ def document(flown: Flown) -> dict[str, Any]:
 
 
 def junit(flights: Iterable[Flown]) -> str:
-    """One suite per file: a case per expectation, one for what must never be, one for a golden trace."""
+    """Give a JUnit document: one suite per file, and in it a case per expectation, for violations, for the trace."""
     suites = ET.Element("testsuites", name="heronry scenario")
     for flown in flights:
         suites.append(_suite(flown))

@@ -1,29 +1,30 @@
-"""A scenario file: what happens to an aircraft, and what is expected to be heard of it, one thing a line.
+"""A scenario file: what happens to an aircraft, and which frames are expected, one statement per line.
 
     # A processor dies; another one takes its work.        the comment at the top says why the scenario exists
     spec elevator_and_chute                                a shipped spec, or a file, from the scenario's folder
-    seed 7                                                 for the simulator; 0 where it is not said
+    seed 7                                                 for the simulator; 0 by default
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     standby                                                there are two managers, 126 and 127
     keyed                                                  managers and PEs have a key
     unforeseen                                             nothing is pre-planned: the greedy plan flies immediately,
                                                            and the best one follows in the background (simulator)
-    without pe:tail_pe                                     is not there from the start
-    contingencies 1                                        plans for up to so many faults are made ahead, and on board
+    without pe:tail_pe                                     this PE is absent at the start
+    contingencies 1                                        contingencies on board cover up to so many faults
     at 2.0s kill pe:control_pe
     expect function:elevator served within 200ms
     end 8s
 
-What stands on lines of its own may stand on one, with ';' between.
+Several statements may stand on one line, separated by ';'.
 
-Times are seconds from the moment at which the first configuration runs. What is done:
+Times are seconds from the moment at which the first configuration runs. What can be done:
 
     kill|restore pe:NAME|manager|primary|standby
-    phase NAME       fail|clear KIND:NAME       (the last three: an order of the operator)
-    stick device:NAME                  the device answers, and shows what it showed last (simulator)
+    phase NAME       fail|clear KIND:NAME       (orders of the operator)
+    stick device:NAME                  the device still answers, but with its last reading (simulator)
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
 
-What is expected counts from the last `at` above it, and is evaluated until something else is done, or to the end:
+The time of an expectation counts from the last `at` above it. It is evaluated until something else is done, or to the
+end of the script:
 
     function:F served [by MODULE] within TIME|throughout        function:F silent within TIME
     variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on that bus get it
@@ -32,7 +33,7 @@ What is expected counts from the last `at` above it, and is evaluated until some
     epoch new within TIME               epoch unchanged
     KIND:NAME reported within TIME      nothing reported        (EMCY)
 
-What cannot be read is a UserError with the place and the remedy.
+A line that cannot be read raises a UserError with the place and the remedy.
 """
 
 import difflib
@@ -55,7 +56,7 @@ ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] =
     "fail": FailElement,
     "clear": ClearElement,
 }
-"""Orders of the operator, by their word in a script."""
+"""Orders of the operator, by the word for each in a script."""
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
@@ -63,7 +64,7 @@ _EXPECTATION = re.compile(
     r"(?P<subject>\S+) (?P<state>[a-z]+)( by (?P<by>\S+))? (within (?P<time>\S+)|(?P<throughout>throughout))"
 )
 _WITHOUT_TIME = ("epoch unchanged", "nothing reported")
-_ONCE = ("reported", "new")  # it happens, and does not last
+_ONCE = ("reported", "new")  # states that happen once and do not last
 _PE_STATES = ("active", "partial", "broken", "unconfigured", "silent")
 EXAMPLE = "expect function:NAME served within 200ms"
 _EXAMPLES = {
@@ -78,7 +79,7 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """What is done, and when: a `fault` that is injected (`what` is "fault"), or `what` is done to `target`."""
+    """Something that is done at a time: a `fault` is injected (`what` is "fault"), or `what` is done to `target`."""
 
     line: int
     at_ns: int
@@ -90,12 +91,12 @@ class Deed:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """`subject` must be in `state` from `within_ns` after `from_ns` on, up to `until_ns`; times of the script."""
+    """`subject` must be in `state` from `within_ns` after `from_ns`, to `until_ns`; times of the script."""
 
     line: int
     subject: str
     state: str
-    by: str | None  # the module that is to serve the function
+    by: str | None  # the module that must serve the function
     from_ns: int
     within_ns: int
     until_ns: int
@@ -104,7 +105,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """One scenario file."""
+    """One scenario file, as read."""
 
     file: Path
     why: str
@@ -123,7 +124,7 @@ class Script:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Faults that the simulator injects, in the order of the script."""
+        """The faults that the simulator injects, in the order of the script."""
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
 
@@ -132,7 +133,7 @@ def read_script(file: Path) -> Script:
     try:
         text = file.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise UserError(f"{file}: it is not text in UTF-8; name a scenario file") from None
+        raise UserError(f"{file}: the file is not text in UTF-8; name a scenario file") from None
     return _Reader(file).read(text)
 
 
@@ -167,11 +168,11 @@ class _Reader:
 
     def _finished(self) -> Script:
         if not any(self.why):
-            self._refuse("it does not say why it exists; begin with a comment that does")
+            self._refuse("the file does not say why it exists; begin it with a comment that does")
         if self.spec is None:
-            self._refuse("it names no spec; write for example 'spec big_blue'")
+            self._refuse("the file names no spec; write for example 'spec big_blue'")
         if self.end_ns is None:
-            self._refuse("it does not say when it ends; write for example 'end 8s' as the last line")
+            self._refuse("the file does not say when the flight ends; write for example 'end 8s' as the last line")
         return Script(
             self.file,
             " ".join(self.why),
@@ -195,14 +196,14 @@ class _Reader:
 
     def _line(self, words: list[str]) -> None:
         if self.end_ns is not None:
-            self._refuse("nothing comes after 'end'; move it up, or 'end' down")
+            self._refuse("no line may follow 'end'; move this line up, or 'end' down")
         match words:
             case ["spec", *name] if self.spec is None and name:
                 self.spec, self.spec_file = self._loaded(" ".join(name))
             case ["spec", *_] if self.spec is not None:
-                self._refuse("there is one spec in a scenario; leave this line out")
+                self._refuse("a scenario has one spec; leave this second 'spec' line out")
             case _ if self.spec is None:
-                self._refuse("the first line names the spec; write for example 'spec big_blue' above this one")
+                self._refuse("the first line must name the spec; write for example 'spec big_blue' above this line")
             case ["seed", number] if number.isdecimal():
                 self.seed = int(number)
             case ["loss", text] if (share := read_share(text)) is not None:
@@ -221,7 +222,7 @@ class _Reader:
                 )
 
     def _prepared(self, words: list[str]) -> bool:
-        """Read a line on the aircraft before anything is done; tells whether it can be read."""
+        """Read a line on the aircraft, before the first deed; tells whether it is such a line."""
         match words:
             case ["standby"]:
                 self.has_standby = True
@@ -250,7 +251,7 @@ class _Reader:
         self._not_before(at_ns)
         text = " ".join(words)
         if not self.has_standby and words[0] != "phase" and any(map(is_one_of_two, words[1:2])):
-            self._refuse(f"'{text}': there is one manager; name it 'manager', or write 'standby' above for two")
+            self._refuse(f"'{text}': there is one manager; write 'manager', or 'standby' above for two managers")
         match words:
             case ["kill" | "restore" as what, target]:
                 deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
@@ -269,11 +270,11 @@ class _Reader:
         self.deeds.append(deed)
 
     def _in_turn(self, deed: Deed) -> None:
-        """Refuse to kill what does not run, and to restore what does."""
+        """Refuse to kill a target that does not run, or to restore one that runs."""
         before = [d.what for d in self.deeds if d.target == deed.target and d.what in ("kill", "restore")]
         runs = before[-1] == "restore" if before else deed.target not in self.without
         if runs != (deed.what == "kill"):
-            self._refuse(f"{deed.target} {'runs' if runs else 'does not run'} then; kill and restore in turn")
+            self._refuse(f"{deed.target} {'runs' if runs else 'does not run'} at that time; kill and restore in turn")
 
     def _fault(self, at_ns: int, words: list[str]) -> Fault:
         plain = list(words)
@@ -334,13 +335,13 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {_hint(name, self.spec.variables, 'there is')}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Give an expectation its end; refuses one that has no time to come true before it."""
+        """Set the end of an expectation; refuses one whose time to come true is not over by then."""
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:
             self.number = one.line
             self._refuse(
-                f"at {_plain_seconds(until_ns)}s something else is done, or it ends, before that time is up; "
-                "let that come later, or expect it sooner"
+                f"the next 'at' or 'end', at {_plain_seconds(until_ns)}s, comes before the time of this expectation is "
+                "over; move it to a later time, or shorten the time of the expectation"
             )
         return Expectation(one.line, one.subject, one.state, one.by, one.from_ns, one.within_ns, until_ns, one.text)
 
@@ -349,7 +350,7 @@ class _Reader:
     def _ns(self, text: str) -> int:
         match = _TIME.fullmatch(text)
         if match is None:
-            self._refuse(f"'{text}' is no time; write it as 2.5s or 80ms")
+            self._refuse(f"'{text}' is not a time; write it as 2.5s or 80ms")
         whole, _, fraction = match["number"].partition(".")
         ns = (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
         if ns > LONGEST_S * _NS["s"]:
@@ -364,7 +365,7 @@ class _Reader:
 
     def _pe(self, element: str) -> str:
         if not element.startswith("pe:"):
-            self._refuse(f"'{element}' is no PE; write pe:NAME")
+            self._refuse(f"'{element}' is not a PE; write pe:NAME")
         return self._element(element)
 
     def _element(self, element: str) -> str:

@@ -1,7 +1,7 @@
-"""The decision trace: what was done, and what the manager decided upon it, one line each, to be read as a diff.
+"""The decision trace of a flight: what was done and what the manager decided, one line each, for comparison as a diff.
 
-It has no times and no plans: it changes when a decision does, and not when a frame gets a byte longer. (Whether
-decisions came in time is for expectations.) Suspected PEs are left out, since most of them answer.
+The trace has no times and no plans, so it changes when a decision does, and not when a frame gets a byte longer.
+(Expectations verify that decisions come in time.) Suspected PEs are left out, since most of them answer.
 
 The golden trace of FILE.scenario is FILE.scenario.golden beside it.
 """
@@ -48,12 +48,12 @@ _LINES: Mapping[str, str] = {
 
 
 def deed_line(seconds: float, text: str) -> str:
-    """Line for a deed of the script, at its time."""
+    """Give the line for a deed of the script at its time."""
     return f"--- at {seconds:g}s {text}"
 
 
 def event_line(event: Mapping[str, Any]) -> str | None:
-    """Line for an event of the manager; None where the event is no decision."""
+    """Give the line for an event of the manager; None if the event is no decision."""
     kind = event["event"]
     if kind == "reconfigured":
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
@@ -68,23 +68,23 @@ _CHANGES = (("start ", "started"), ("stop ", "stopped"), ("move ", "moved"))
 
 
 def golden_file(file: Path) -> Path:
-    """Where the golden trace of a scenario file is kept."""
+    """Give the path of a scenario file's golden trace."""
     return file.with_name(f"{file.name}.golden")
 
 
 def kept(file: Path) -> list[str] | None:
-    """Lines of a scenario's golden trace; None where none is kept. Raises UserError."""
+    """Give the lines of a scenario's golden trace; None if there is none. Raises UserError if it is not text."""
     golden = golden_file(file)
     if not golden.exists():
         return None
     try:
         return golden.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
-        raise UserError(f"{golden}: it is not text in UTF-8; --rewrite makes it anew") from None
+        raise UserError(f"{golden}: the file is not text in UTF-8; --rewrite replaces it") from None
 
 
 def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
-    """Lines of a diff between a scenario's golden trace and this one; None where none is kept. Raises UserError."""
+    """Give a diff from a scenario's golden trace to this trace; None if there is no golden trace. Raises UserError."""
     before = kept(file)
     if before is None:
         return None
@@ -93,5 +93,5 @@ def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
 
 
 def keep(file: Path, trace: Iterable[str]) -> None:
-    """Write a trace as the golden one of its scenario file."""
+    """Write a trace as the golden trace of a scenario file."""
     golden_file(file).write_text("".join(f"{line}\n" for line in trace), encoding="utf-8")

@@ -1,25 +1,24 @@
-"""A simulated CAN bus: priority arbitration, exact frame lengths, and what can go wrong on a wire.
+"""A simulated CAN bus: priority arbitration, exact frame lengths, and the errors that a wire can cause.
 
-Every station has one frame in its mailbox (`station`). While the bus is free the most urgent of these is sent, takes
-the exact time of its bits (stuffing and intermission included), and is then received by every other station that wants
-its identifier. What is offered at the very instant at which the bus falls free takes part in the arbitration of that
-instant.
+Each station has one frame in its mailbox (`station`). When the bus is free, the most urgent of these frames is sent. It
+takes the exact time of its bits, with stuffing and intermission, and is then received by every other station that wants
+its identifier. A frame that is offered at the instant at which the bus becomes free takes part in that arbitration.
 
-A frame that is destroyed, by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival, costs the bits
-that were sent and an error frame, counts at its sender and at every receiver, and is sent again. Two stations that win
-the same arbitration with the same bits send one frame together; with different bits they destroy each other's frames.
-Either is noted in `clashes`.
+A frame is destroyed by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival. Then the bus is busy
+for the bits that were sent and an error frame, the sender and all receivers count an error, and the frame is sent
+again. Two stations that win one arbitration with the same bits send one frame together; with different bits they
+destroy each other's frames. Both cases are recorded in `clashes`.
 
-What gets through may still be missed by one receiver, or come twice (CAN is not an atomic broadcast: the last bit but
-one decides for a receiver, the last one for the sender), or, very rarely, be another frame than the one sent
-(`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
+A frame that is not destroyed may still be missed by one receiver, or reach it twice: CAN is not an atomic broadcast,
+since a receiver accepts a frame at its last bit but one, the sender at the last. Very rarely a receiver gets another
+frame than the one sent (`corrupt`). See `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
 
-A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio link far from its base. A
-wire that is `broken` carries nothing, and causes no station an error; what is sent then waits until the wire is mended.
-Where it is broken in the middle (`apart`) the two sides do not hear each other, but share the time of one bus: each is
-no faster than it would be alone.
+A station that leaves while it sends destroys its frame. `slowdown` lengthens all bits, as for a radio far from its
+base. A wire that is `broken` carries nothing and causes no errors; frames wait until the wire is mended. A bus that is
+broken in the middle (`apart`) has two sides that do not hear each other. They still share the time of one bus, so
+neither is faster than it would be alone.
 
-A replicated bus is two of these (`replicated_port`). Not modelled: single bits (a frame fails or it does not).
+A replicated bus consists of two of these (`replicated_port`). Errors in single bits are not modelled.
 """
 
 from collections.abc import Callable, Container
@@ -53,7 +52,7 @@ _TRANSMIT_ERROR, _RECEIVE_ERROR = 8, 1
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Probabilities per frame, or per frame and receiver."""
+    """Quality of a bus: probabilities per frame, or per frame and receiver."""
 
     loss: float = 0.0
     omission: float = 0.0
@@ -61,7 +60,7 @@ class Faults:
 
 
 class Sent(NamedTuple):
-    """A frame that went over a bus; `end_ns` is the end of its last bit."""
+    """A frame that was sent on a bus; `end_ns` is the end of its last bit."""
 
     end_ns: int
     bus: str
@@ -70,7 +69,7 @@ class Sent(NamedTuple):
 
 
 class Clash(NamedTuple):
-    """Two stations had the same identifier waiting for the same arbitration."""
+    """Two stations had frames with one identifier in the same arbitration."""
 
     t_ns: int
     bus: str
@@ -80,7 +79,7 @@ class Clash(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """What happens to one frame: how many copies are received, by the one `receiver` or (None) by every station."""
+    """How often one frame is received (0: not at all), by one `receiver` or, where that is None, by all stations."""
 
     copies: int
     receiver: str | None = None
@@ -90,26 +89,26 @@ class SimulatedBus:
     """One CAN segment."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
-        """`random` is drawn from only where faults need it."""
+        """random: a value is drawn only when a fault needs one."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
         self.slowdown = 1
         self.broken = 0  # number of breaks in the wire now
         self.noisy = 0  # number of bursts that destroy every frame now
-        self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
+        self.corrupt: Callable[[Sent], Frame | None] | None = None  # gives what is received instead
         self.tamper: Callable[[Sent], Tampering | None] | None = None
-        self.apart: Callable[[str, str], bool] | None = None  # of sender and receiver: nothing gets through
+        self.apart: Callable[[str, str], bool] | None = None  # tells for sender and receiver whether they are apart
         self.busy_bits = 0  # bits sent so far
         self.frames = 0
         self.destroyed = 0
         self.bus_offs = 0
         self.clashes: list[Clash] = []
-        self.taps: list[Callable[[Sent], None]] = []  # observers of every frame, unseen by the stations
+        self.taps: list[Callable[[Sent], None]] = []  # observers of every frame; stations do not notice them
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
-        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; computed when one is first sent
-        self._waiting: list[Urgency] = []  # the mailboxes
+        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; computed when it is first sent
+        self._waiting: list[Urgency] = []  # frames in mailboxes
         self._on_air: tuple[Waiting, bool] | None = None  # a frame, and whether it will be destroyed
-        self._rival: Waiting | None = None  # the frame that is sent together with it
+        self._rival: Waiting | None = None  # the rival's frame that is sent at the same time
         self._arbitration_due = False
         self._offers = 0
         self._joined = 0
@@ -117,7 +116,7 @@ class SimulatedBus:
 
     @property
     def queued(self) -> int:
-        """How many frames wait, in mailboxes and queues of stations that can send."""
+        """Number of frames in mailboxes and queues of stations that can send."""
         return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
 
     @property
@@ -127,7 +126,7 @@ class SimulatedBus:
 
     @property
     def longest_waiting(self) -> Waiting | None:
-        """The frame that has been waiting for longest, of stations that can send."""
+        """The frame that has waited longest at a station that can send; None if no frame waits."""
         mailboxes = (s.mailbox for s in self._stations if s.can_send and s.mailbox is not None)
         queues = (waiting for s in self._stations if s.can_send for _, _, waiting in s.queue)
         return min((*mailboxes, *queues), key=lambda waiting: waiting.offer, default=None)
@@ -135,7 +134,7 @@ class SimulatedBus:
     def join(
         self, name: str, port: int, listener: Callable[[Received], None], wants: Container[int] | None = None
     ) -> Station:
-        """Connect a station; it receives what it `wants`, or everything."""
+        """Connect a station; it receives the identifiers in `wants`, by default all."""
         self._joined += 1
         station = Station(name, port, self._joined, listener)
         if wants is not None:
@@ -150,7 +149,7 @@ class SimulatedBus:
         self._audience.clear()
 
     def leave(self, station: Station) -> None:
-        """Disconnect a station for good; the frames in its queue and mailbox are lost."""
+        """Disconnect a station, which cannot join again; the frames in its queue and mailbox are lost."""
         station.present = False
         station.reconsider()
         station.mailbox = None
@@ -165,7 +164,7 @@ class SimulatedBus:
         transmit_failed: bool | None = None,
         receive_failed: bool | None = None,
     ) -> None:
-        """Break the wire of a station, in both directions or in one, or mend it; arguments left out change nothing."""
+        """Break the wire of a station, in both directions or in one, or mend it; omitted arguments change nothing."""
         station.cut_off = station.cut_off if cut_off is None else cut_off
         station.transmit_failed = station.transmit_failed if transmit_failed is None else transmit_failed
         station.receive_failed = station.receive_failed if receive_failed is None else receive_failed
@@ -173,12 +172,12 @@ class SimulatedBus:
         self._wake(station)
 
     def stall(self, station: Station, *, stalled: bool) -> None:
-        """Let the processor behind a station stand still, or go on: what is in the mailbox is sent all the same."""
+        """Pause a station's processor, or end the pause; the frame in its mailbox is sent nevertheless."""
         station.stalled = stalled
         self._wake(station)
 
     def break_wire(self) -> None:
-        """Break the wire for every station; breaks add up."""
+        """Break the wire for all stations; each break needs its own `mend_wire`."""
         self.broken += 1
 
     def mend_wire(self) -> None:
@@ -189,12 +188,12 @@ class SimulatedBus:
                 self._wake(station)
 
     def turn_off(self, station: Station) -> None:
-        """Put a station bus-off, as 32 failed frames in a row would."""
+        """Put a station bus-off, as 32 failed frames in a row would do."""
         station.transmit_errors = BUS_OFF_ABOVE + 1
         self._go_off(station)
 
     def offer(self, station: Station, frame: Frame, until_ns: int = NEVER_NS) -> None:
-        """Queue a frame at a station; one that cannot start by `until_ns` is not sent."""
+        """Queue a frame at a station; if its transmission cannot start by `until_ns`, it is dropped."""
         if not station.present:
             return
         self._offers = offer = self._offers + 1
@@ -208,23 +207,23 @@ class SimulatedBus:
                 self._wait_for_bus(station)
         else:
             heappush(station.queue, (waiting.key, offer, waiting))
-            if may_go:  # a frame that has waited since bus-off, or since the station stood back, goes first
+            if may_go:  # a frame that has waited through bus-off or `stand_back` goes first
                 self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
-        """Shorten the time until which a frame, this same object, may start at a station."""
+        """Shorten the time until which the transmission of a frame (this same object) may start."""
         for waiting in (station.mailbox, *(waiting for _, _, waiting in station.queue)):
             if waiting is not None and waiting.frame is frame:
                 waiting.until_ns = min(waiting.until_ns, until_ns)
                 return
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
-        """Withdraw what waits at a station under these identifiers; what it has handed over is sent."""
+        """Drop the queued frames of a station with these identifiers; a frame in the mailbox is still sent."""
         station.queue = [urgency for urgency in station.queue if urgency[2].frame.can_id not in identifiers]
         heapify(station.queue)
 
     def stand_back(self, station: Station, until_ns: int) -> None:
-        """Let data, and what is less urgent, wait at a station until then."""
+        """Let data frames, and less urgent ones, wait in a station's queue until `until_ns`."""
         station.stands_back_until_ns = until_ns
         self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
 
@@ -234,7 +233,7 @@ class SimulatedBus:
         return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
-        """Hand over the next frame that is not too old."""
+        """Move the next queued frame that is not too old to the mailbox."""
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled and not self._stands_back(queue[0][2]):
             waiting = heappop(queue)[2]
@@ -244,7 +243,7 @@ class SimulatedBus:
                 return
 
     def _enter(self, station: Station) -> None:
-        """Let what is in a mailbox take part in arbitration; an error-passive station lets others go first."""
+        """Let the frame in a mailbox take part in arbitration; an error-passive station first waits for 8 bits."""
         if station.is_passive:
             suspended_ns = self._duration_ns(SUSPENDED_BITS)
             self._clock.at(self._clock.now_ns + suspended_ns, partial(self._wait_for_bus, station))
@@ -293,7 +292,7 @@ class SimulatedBus:
         return bits * self.slowdown * _NS_PER_S // self.bitrate
 
     def _head(self) -> Waiting | None:
-        """Most urgent frame that may be sent, of a station that can send."""
+        """Give the most urgent frame of a station that can send; None if there is none."""
         waiting, now_ns = self._waiting, self._clock.now_ns
         while waiting:
             head = waiting[0][2]
@@ -309,7 +308,7 @@ class SimulatedBus:
         return None
 
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
-        """Another station may have won as well: its frame goes out with this one, or both are destroyed."""
+        """Find a rival in the same arbitration; tells whether both frames are destroyed, and after how many bits."""
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:
             return False, bits
@@ -399,7 +398,7 @@ class SimulatedBus:
     # Errors
 
     def _fail(self, head: Waiting, rival: Waiting | None) -> None:
-        """A frame has been destroyed: every station counts it, and its sender sends it again."""
+        """Count a destroyed frame as an error at all stations, and let its sender send it again."""
         self.destroyed += 1
         self._errors_count = True
         senders = [waiting.station for waiting in (head, rival) if waiting is not None]

@@ -1,10 +1,11 @@
-"""A manager's journal in the simulator: the bytes that the real one would write, and what a power cut leaves of them.
+"""The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
-Terms and blocks of numbers are on the disk immediately. The rest is `SYNCED_AFTER_NS` later, when the manager's frames
-are out; until then a power cut may leave any part of it (`torn`). If only the manager is killed, nothing is lost.
+Terms and reserved numbers are on the disk at once. Other records are `SYNCED_AFTER_NS` later, when the manager's frames
+have been sent; until then a power cut may leave any part of them (`torn`). If only the manager is killed, nothing is
+lost.
 
-A disk that is full or read-only (`refuses`) writes a piece of the line that it refuses first, as a full disk may, and
-then nothing. Every later record tries to write all that should be there, and so does a manager that starts.
+A full or read-only disk (`refuses`) may first write a part of the line that it refuses, and then nothing. Each later
+record, and each start of a manager, tries to write the whole journal.
 """
 
 from collections import deque
@@ -19,27 +20,27 @@ _PROBLEM = "the disk takes nothing; a restart may not know what happens from now
 
 
 class Disk:
-    """The journal of one manager of a spec, over all its restarts."""
+    """The disk with the journal of one manager, over all its restarts."""
 
     def __init__(self, spec: Spec, data: bytes | None = None) -> None:
-        """Begin with a journal that is empty, or with these bytes."""
+        """Begin with an empty journal, or with these bytes."""
         self.refuses = False
-        self.problem: str | None = None  # what the disk reports to the manager; None: nothing
+        self.problem: str | None = None  # the error reported to the manager; None: no error
         self.data = whole_journal(spec, NOTHING) if data is None else data
         self._spec = spec
-        self._memory = NOTHING  # what should be in the journal
+        self._memory = NOTHING  # the content that the journal should have
         self._next_number = 1
         self._synced = len(self.data)
-        self._unsynced: deque[tuple[int, int]] = deque()  # when records were written, and where they end
+        self._unsynced: deque[tuple[int, int]] = deque()  # of each record: time of writing, and end in bytes
 
     def opened(self) -> Memory:
-        """Read the journal, as a manager that starts does, and shorten it."""
+        """Read and shorten the journal, as a manager does at its start."""
         self._memory, _ = recovered(self.data)
         self._put_down()
         return self._memory
 
     def write(self, record: Record, now_ns: int) -> None:
-        """Append a record; `problem` tells afterwards whether it is on the disk."""
+        """Append a record; afterwards `problem` tells whether it is on the disk."""
         self._memory = self._memory.after(record)
         if self.problem is not None:
             self._put_down()
@@ -56,7 +57,7 @@ class Disk:
             self._sync(now_ns)
 
     def torn(self, random: Random, now_ns: int) -> None:
-        """The power fails: what was not synced is there up to some byte, and a part of that is noise."""
+        """Cut the power: records that were not synced remain up to a drawn byte, and a part of that is noise."""
         while self._unsynced and self._unsynced[0][0] <= now_ns - SYNCED_AFTER_NS:
             self._sync(self._unsynced[0][0])
         begin, end = self._synced, random.randint(self._synced, len(self.data))
@@ -71,7 +72,7 @@ class Disk:
             _, self._synced = self._unsynced.popleft()
 
     def _put_down(self) -> None:
-        """Write the whole journal anew, in the place of what is there."""
+        """Write the whole journal anew, and replace the old one."""
         if self.refuses:
             self.problem = _PROBLEM
             return

@@ -1,7 +1,7 @@
-"""One bus out of two channels, for the observers of a run: of each sending the copy that went over a wire first.
+"""Merges the two channels of a replicated bus for observers: of each transmission only the first copy is passed on.
 
-The copies of one sending are known by the object that both channels were offered, not by what the nodes go by, since
-that is what the oracles verify.
+The copies of one transmission are recognized by the Python object that both channels were given. The nodes recognize
+copies otherwise, which the oracles verify.
 """
 
 from collections import deque
@@ -14,11 +14,11 @@ REMEMBERED_NS = 1_000_000_000
 
 
 class FirstCopies:
-    """Passes on what neither channel has carried before, to every one of `taps`."""
+    """Passes a frame that neither channel has carried before to each of `taps`."""
 
     def __init__(self) -> None:
         self.taps: list[Callable[[Sent], None]] = []
-        self._seen: dict[int, Frame] = {}  # kept alive, so that no other frame gets its identity
+        self._seen: dict[int, Frame] = {}  # kept, so that no other frame gets the same `id()`
         self._order: deque[tuple[int, int]] = deque()
 
     def see(self, sent: Sent) -> None:

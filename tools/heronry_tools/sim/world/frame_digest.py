@@ -1,4 +1,4 @@
-"""The digest of a run: of every frame, with its time, bus and sender. Two runs that agree in it are the same."""
+"""The digest of a run, over each frame with its time, bus and sender: two runs with one digest are the same."""
 
 import hashlib
 import struct
@@ -14,10 +14,10 @@ class FrameDigest:
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
         self._unhashed = bytearray()
-        self._numbers: dict[str, int] = {}  # of buses and senders
+        self._numbers: dict[str, int] = {}  # a number for each bus and sender
 
     def see(self, sent: Sent) -> None:
-        """Add a frame."""
+        """Add a frame to the digest."""
         numbers, frame = self._numbers, sent.frame
         bus = numbers.setdefault(sent.bus, len(numbers))
         self._unhashed += _HEAD.pack(sent.end_ns, bus, numbers.setdefault(sent.sender, len(numbers)), frame.can_id)

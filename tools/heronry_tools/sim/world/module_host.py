@@ -1,11 +1,11 @@
-"""The module host of a simulated PE: it runs the modules inside the process of the simulator.
+"""The module host of a simulated PE: runs the PE's modules inside the process of the simulator.
 
-The core gives actions, the host carries them out, and each answer goes back as an event.
-`heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in processes
-apart, which is what a node does. Here nothing protects one module from another, and computing takes no time: where a
-fault lets a module hang or be slow, the simulated PE (`module_steps`) does so in place of the module.
+The core gives actions, the host executes them, and each answer goes back to the core as an event. On a real node
+`heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in separate
+processes. Here no module is protected from another, and a step takes no time: a module that hangs or is slow by a fault
+is modelled by `module_steps`.
 
-All images of the table are loaded when the host is made; the ones that cannot be are in `missing_images`.
+All images of the table are loaded when the host is created; `missing_images` are those that cannot be loaded.
 """
 
 from heronry_agent.core.vocabulary import (
@@ -28,10 +28,10 @@ from heronry_wire.pe_table import PeTable
 
 
 class ModuleHost:
-    """The modules of one PE that exist now."""
+    """The modules of one PE that are loaded now."""
 
     def __init__(self, table: PeTable, devices: Devices) -> None:
-        """Load the images of a table; `devices` are those that its modules use."""
+        """Load the images of a table; `devices` are the devices of its modules."""
         self._devices = devices
         self._partitions = {module.index: module.partition for module in table.modules}
         self._now_ns = 0
@@ -40,7 +40,7 @@ class ModuleHost:
         self.missing_images = {image: reason for image, reason in reasons if reason is not None}
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Carry out an action for the modules or their devices; gives the event for the core, if there is one."""
+        """Execute an action for modules or their devices; gives the event for the core, or None."""
         self._now_ns = now_ns
         match action:
             case StepModule():
@@ -54,7 +54,7 @@ class ModuleHost:
                     self._devices.make_safe(action.module, now_ns)
             case EndPartition():
                 for module in (m for m, partition in self._partitions.items() if partition == action.partition):
-                    self._runner.stop(module)  # the core stops each of them, too, which makes its device safe
+                    self._runner.stop(module)  # the core also stops each module, which makes its device safe
             case Drive():
                 return self._devices.drive(action, now_ns)
             case Heard():

@@ -1,11 +1,11 @@
-"""How the modules of a simulated PE compute: in no time, unless a fault is in them or in their processor.
+"""The execution time of modules in a simulated PE: none, unless there is a fault in a module or in the processor.
 
-A module computes in no time at all, unless a fault lets it overrun or its processor is slow. What a module computes for
-too long is reported to the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a
-real node. A step that comes to its turn after the core's time limit for it (`until_ns`) is not computed, as in a real
-partition. While a step is late, the further ones of its partition wait.
+A module's step takes no time, unless a fault makes the module overrun or its processor slow. An overrun is reported to
+the core as time spent; the time of a slow processor, a pause or a jump of the clock is not, as on a real node. A step
+whose turn comes after the core's time limit for it (`until_ns`) is not executed, as in a real partition. While a step
+is late, further steps of its partition wait.
 
-The faults: a module may be `broken` (it raises, gives what its type cannot carry or a wrong value, overruns, or
+The faults: a module may be `broken` (it raises, gives a value outside its type's range or a wrong value, overruns, or
 requests a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
 """
 
@@ -32,7 +32,7 @@ from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.pe_table import PeTable
 
 OVERRUN_NS = 30_000_000
-ASKS = "asks "  # a module requests a phase, whose name follows
+ASKS = "asks "  # in `broken`: the module requests the phase whose name follows
 
 _LOOKED_AT_EVERY = 8
 _SLOWEST_NS = 8_000_000
@@ -40,24 +40,24 @@ _WRONG_BY = 40.0
 
 
 class Processor(Protocol):
-    """What the modules of a PE run on."""
+    """The processor on which the modules of a PE run."""
 
     @property
     def is_awake(self) -> bool:
-        """Tell whether the processor does not stand still."""
+        """Tell whether the processor is not paused."""
 
     def pause(self, duration_ns: int) -> None:
-        """Let the processor stand still from now on."""
+        """Pause the processor from now on."""
 
     def give(self, answer: Event) -> None:
         """Give the core an answer that comes later than its request."""
 
     def put_off(self, actions: Sequence[Action]) -> None:
-        """Carry these actions out when the processor goes on."""
+        """Execute these actions when the pause of the processor ends."""
 
 
 class ModuleSteps:
-    """The modules of one PE, and their faults."""
+    """The steps of the modules of one PE, and their faults."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """drive, look, broken, broke: as `SimulatedPe` says."""
+        """drive, look, broken, broke: see `SimulatedPe`."""
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke
@@ -81,17 +81,15 @@ class ModuleSteps:
         actuators = {device.name for device in table.devices if device.kind == "actuator"}
         self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
         self._partitions = {module.index: module.partition for module in table.modules}
-        self._others = 0  # steps of modules that do not drive
+        self._others = 0  # count of steps of modules that drive nothing
         self.stuck = False  # steps do not end
         self.slow: Random | None = None  # draws how long a step takes
-        self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
-        self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
-        self._requested_ns: dict[
-            int, int
-        ] = {}  # by release: when the step was requested, if it has to wait for its turn
+        self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step that hangs, and when that began
+        self._behind: dict[str, list[StepModule]] = {}  # by late partition: steps that wait
+        self._requested_ns: dict[int, int] = {}  # by release of a step that waits: when it was requested
 
     def step(self, action: StepModule) -> ModuleEvent | None:
-        """Let a module compute, as well as this PE can; None: its answer comes later, or never."""
+        """Execute a step, with the faults of this PE; gives its event, or None if that comes later or never."""
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)
@@ -114,25 +112,25 @@ class ModuleSteps:
         return answer
 
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Give the time that a step has spent: all of it if it hangs, else, or before it has begun, none."""
+        """Give the time that a step has spent: its whole time if it hangs, else none."""
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Note that these steps were requested now, and have to wait for the processor."""
+        """Note that these steps were requested now but wait for the processor."""
         for action in actions:
             if type(action) is StepModule:
                 self._requested_ns.setdefault(action.release, self._clock.now_ns)
 
     def end(self, partition: str) -> None:
-        """End a partition, with the steps that hang in it or wait there."""
+        """End a partition, with its steps that hang or wait."""
         self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != partition}
         self._behind.pop(partition, None)
 
     def unstick(self) -> None:
-        """Let the steps that hung come to their end."""
+        """Complete the steps that hang."""
         self.stuck = False
         hung, self._hung = self._hung, {}
         for action, _ in hung.values():
@@ -165,13 +163,13 @@ class ModuleSteps:
             return answer._replace(phases=(how.removeprefix(ASKS),))
         if how == "raise":
             self._broke(name)
-            return StepFailed(action.module, action.release, "the simulator lets it fail")
+            return StepFailed(action.module, action.release, "the simulator makes this module fail")
         if how == "wrong" and isinstance(answer, Stepped):
             return Stepped(action.module, action.release, {name: _off(v) for name, v in answer.outputs.items()})
         return answer
 
     def _end_late(self, late: Stepped, behind: list[StepModule]) -> None:
-        """A late step has ended; its partition goes on, if it has not been ended meanwhile."""
+        """Complete a late step, and execute the waiting steps of its partition, unless that was ended meanwhile."""
         self._processor.give(late)
         partition = self._partitions[late.module]
         if self._behind.get(partition) is behind:

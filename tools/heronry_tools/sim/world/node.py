@@ -1,8 +1,8 @@
-"""What every simulated node has: a clock of its own, one timer, and a processor that may stand still.
+"""Base of simulated nodes: a clock of the node's own, one timer, and a processor that may be paused.
 
-What a real driver does with a socket and a timer, a node does with a `Station` and the virtual `Clock`. While its
-processor stands still its controllers go on: what is in a mailbox is sent, and frames that arrive are kept, as many as
-a socket holds, and handed over afterwards with their age, before any deadline passes.
+A node uses a `Station` and the virtual `Clock` as a real driver uses a socket and a timer. While its processor is
+paused, its controllers work on: the frame in the mailbox is sent, and frames that arrive are kept, as many as a socket
+holds. They are given to the core after the pause, with their age, and before any deadline.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -18,8 +18,8 @@ from heronry_wire.frame import Frame
 from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS, Received, require
 
-RECEIVE_BUFFER = 300  # frames; a socket with Linux's default buffer holds about as many, and drops what comes later
-VALIDATED_EVERY = 16  # calls of a core that only did routine work
+RECEIVE_BUFFER = 300  # frames; about as many as a socket with Linux's default buffer holds before it drops frames
+VALIDATED_EVERY = 16  # one of so many calls with routine work only is followed by a check of the core's invariants
 _MOST_RINGS_AT_ONCE = 1000
 
 
@@ -34,7 +34,7 @@ class Node:
         self._offers: list[Callable[[Frame, int], None]] = []  # by port
         self._clock = clock
         self._armed_ns = NEVER_NS  # on the node's own clock
-        self._last_ring_ns, self._rings = -1, 0  # calls at one instant
+        self._last_ring_ns, self._rings = -1, 0  # the last instant of a call, and the calls at it
         self._paused_until_ns: int | None = None
         self._kept: list[tuple[int, Received]] = []
 
@@ -46,7 +46,7 @@ class Node:
         witness: Callable[[Copy], None],
         wants: Container[int] | None = None,
     ) -> None:
-        """Join the next bus, on each of its channels; `entry` is the bus in the PE's table or in the spec."""
+        """Join a bus on each of its channels; `entry` is the bus in the PE's table or in the spec."""
         port = len(self._offers)
         joined = [(wire, wire.join(name, port, self._take, wants)) for wire in wires]
         self.stations += joined
@@ -63,7 +63,7 @@ class Node:
         self._offers.append(twin.offer)
 
     def stop(self) -> None:
-        """Die: the node is silent at once, whatever was queued; a node that has stopped already stays so."""
+        """Let the node die: it is silent at once, and its queued frames are lost. No effect on a dead node."""
         if not self.running:
             return
         self.running = False
@@ -73,12 +73,12 @@ class Node:
     def wire(
         self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
     ) -> None:
-        """Break all wires of the node, in both directions or in one, or mend them; the node lives on."""
+        """Break all wires of the node, in both directions or in one, or mend them; the node runs on."""
         for bus, station in self.stations:
             bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
-        """Let the processor stand still from now on; a pause within a longer one changes nothing."""
+        """Pause the processor from now on; a pause that ends within an earlier one changes nothing."""
         until_ns = self._clock.now_ns + duration_ns
         if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
             return
@@ -92,7 +92,7 @@ class Node:
 
     @property
     def is_awake(self) -> bool:
-        """Tell whether the node lives and its processor does not stand still."""
+        """Tell whether the node is alive and its processor is not paused."""
         return self.running and self._paused_until_ns is None
 
     def _go_on(self) -> None:
@@ -113,11 +113,11 @@ class Node:
             self._wake()
 
     def _keep(self, event: Received) -> None:
-        """Keep a frame that a station has received while the processor stands still."""
+        """Keep a frame that was received while the processor is paused."""
         if len(self._kept) < RECEIVE_BUFFER:
             self._kept.append((self._clock.now_ns, event))
 
-    # The timer: an alarm that was replaced by another one is ignored
+    # The timer: an alarm that was replaced by another is ignored
 
     def _arm(self, due_ns: int) -> None:
         """Set the alarm to this time on the node's own clock."""
@@ -133,25 +133,25 @@ class Node:
         now_ns = self._clock.now_ns
         self._rings = self._rings + 1 if now_ns == self._last_ring_ns else 1
         self._last_ring_ns = now_ns
-        require(self._rings <= _MOST_RINGS_AT_ONCE, "a core wants to be called at {} ns again and again", now_ns)
+        require(self._rings <= _MOST_RINGS_AT_ONCE, "a core requests to be called at {} ns without end", now_ns)
         self._wake()
 
     # What each kind of node does
 
     def _take(self, event: Received) -> None:
-        """Hand a frame to the core."""
+        """Give a frame to the core."""
         raise NotImplementedError
 
     def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
-        """Hand over which channels of a port's bus, from 1, carry nothing to this node."""
+        """Report to the core the channels (from 1) of a port's bus on which this node receives nothing."""
         raise NotImplementedError
 
     def _wake(self) -> None:
-        """Hand over the time if it is due, and set the timer."""
+        """Call the core if its deadline is due, and set the timer."""
         raise NotImplementedError
 
     def _resume(self) -> None:
-        """Finish what was under way when the processor stood still, before anything else."""
+        """At the end of a pause, first complete the work that was under way."""
 
     def _caught_up(self) -> None:
-        """Every frame that was kept has been handed over."""
+        """At the end of a pause, give the core its late events, after all kept frames."""

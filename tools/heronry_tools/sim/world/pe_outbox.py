@@ -1,7 +1,7 @@
-"""What a simulated PE hands to its controllers, and what is under way there.
+"""The sending side of a simulated PE: passes frames to its controllers, with their age limits.
 
-A core says how old a frame may become before it is sent; that age is measured by the PE's own clock. For a radio's
-port the core learns how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
+The core gives each frame an age limit, which is measured by the PE's own clock. For the port of a radio the core learns
+how long each frame took to leave. Frames that a gateway forwards may be delayed by a fault (`delays`).
 """
 
 from collections import Counter
@@ -29,7 +29,7 @@ class PeOutbox:
         lease_ns: int,
         radios: frozenset[int],
     ) -> None:
-        """offers: hand a frame to a port's controller, with the time until which it may be sent; by port.
+        """offers: by port, passes a frame to the controller, with the time until which it may be sent.
 
         stations: on every bus and channel. lease_ns: age limit of a frame for which the core has given none.
         radios: ports that lead to a radio.
@@ -37,13 +37,13 @@ class PeOutbox:
         self._clock, self._time, self._lease_ns = clock, time, lease_ns
         self._offers, self._stations = offers, stations
         self.radios = radios
-        self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
-        self._withdrawn = Counter[int]()  # how often, by identifier
-        self.delays: Callable[[], int] | None = None  # how long a frame that it passes on is held up; a gateway's fault
-        self.passing: Frame | None = None  # what the PE has just received, and may pass on
+        self._handed_ns: dict[int, int] = {}  # by port of a radio: when the frame in its mailbox was passed
+        self._withdrawn = Counter[int]()  # count of withdrawals by identifier
+        self.delays: Callable[[], int] | None = None  # draws delays (ns) of forwarded frames (a fault)
+        self.passing: Frame | None = None  # the frame just received, which the PE may forward
 
     def send(self, action: Send) -> None:
-        """Hand over a frame."""
+        """Pass a frame to the controller of its port."""
         port, frame, until_ns = action.port, action.frame, action.until_ns
         if port in self.radios:
             self._handed_ns[port] = self._time.now_ns()
@@ -55,23 +55,23 @@ class PeOutbox:
             self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def withdraw(self, action: Withdraw) -> None:
-        """Withdraw the frames that have not been sent yet."""
+        """Drop the frames that have not been sent yet."""
         self._withdrawn.update(action.identifiers)
         for bus, station in self._stations:
             bus.withdraw(station, action.identifiers)
 
     def stand_back(self, action: StandBack) -> None:
-        """Let the data of a port wait."""
+        """Let the data frames of a port wait."""
         for bus, station in self._stations:
             if station.port == action.port:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """How long the frame took that has just left by a radio's port; None where the core did not ask for that."""
+        """Give how long the frame that has just left by a radio took since `send`; None if the core needs no time."""
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns
 
     def _offer_late(self, port: int, frame: Frame, latest_ns: int, withdrawn: int) -> None:
-        """Hand over a frame that was held up: in its own queue, where it may have been withdrawn."""
+        """Pass a delayed frame to the controller, unless the frame was withdrawn meanwhile."""
         if self._withdrawn[frame.can_id] == withdrawn:
             self._offers[port](frame, latest_ns)

@@ -1,14 +1,13 @@
-"""Plans for simulated managers, and the same for the oracles of a run: what could be served, if all were known.
+"""Plans for simulated managers, and best plans for the oracles.
 
-An answer is kept for as long as the process lives. A plan depends on the spec, the situation and what runs, and on
-nothing else; keeping it changes no run. Every plan has passed the verifier, as it has in flight. What could be served
-at best does not depend on what runs (that comes at level 4): an oracle accepts any plan for the situation that is
-proven to be the best one.
+Answers are kept for the life of the process. A plan depends only on the spec, the situation and what runs, so keeping
+it changes no run. The verifier has accepted every plan, as in flight. An oracle needs only levels 1 to 3 of the best
+plan, which do not depend on what runs (that counts at level 4), so any plan that is proven best at these will do.
 
-Which planner gets a request is decided by the policy that flies (`heronry_manager.core.planning_policy`), behind which
-the planners here stand (`Planners`). By default there is only the exact one, so that every answer is the best plan, as
-if every fault had been planned ahead. With `IMMEDIATE` none has: the pre-planner never answers. `GREEDY` is a manager
-without a solver. `ALL` is a manager as it is equipped for a flight.
+The policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners` are the
+planners behind it. By default there is only the exact planner, so every answer is the best plan, as if every fault had
+been pre-planned. With `IMMEDIATE` nothing is pre-planned. `GREEDY` is a manager without a solver. `ALL` is a manager as
+equipped for a flight.
 """
 
 from collections.abc import Mapping
@@ -33,29 +32,29 @@ from heronry_tools.analysis.campaign.sweeping import numbered, sweep
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, require
 
-_Question = tuple[str, Situation]  # by the digest of the spec
+_Question = tuple[str, Situation]  # digest of the spec, situation
 _Key = tuple[_Question, frozenset[tuple[str, tuple[str, str]]] | str | None]
-_WHATEVER = "whatever runs"  # in the place of what runs: any best plan for the situation
+_WHATEVER = "whatever runs"  # in a key instead of what runs: any best plan for the situation
 KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
-_CRITICAL: dict[_Question, tuple[int, ...]] = {}  # what could be served at best, where only that was requested
+_CRITICAL: dict[_Question, tuple[int, ...]] = {}  # level 1 of the best plan, where only this was requested
 _PLANNERS: dict[str, Planner] = {}  # by digest of the spec
-_GREEDY: dict[str, Greedy] = {}  # the same
+_GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """What an aircraft flies with: the tables of its PEs, and the plans made ahead, if there are any."""
+    """The tables of an aircraft's PEs, and its contingencies, if there are any."""
 
     tables: Mapping[str, PeTable]
     made: ContingencyTable | None = None
     numbers: ContingencyNumbers | None = None
 
 
-PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec: they are the same in every run
+PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec, and number of faults
 
 
 def prepared(spec: Spec, faults: int | None) -> Prepared:
-    """Compile the tables; with plans for up to so many faults on board, or none at all."""
+    """Compile the tables of a spec, with contingencies for up to `faults` faults on board, or (None) without."""
     known = PREPARED.get((spec.digest, faults))
     if known is None:
         made = None if faults is None else plan_ahead(spec, faults)
@@ -64,7 +63,7 @@ def prepared(spec: Spec, faults: int | None) -> Prepared:
 
 
 def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
-    """Compile the tables, with these plans on board."""
+    """Compile the tables of a spec, with these contingencies on board."""
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in spec.pes}
     if made is None:
@@ -75,7 +74,7 @@ def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
 
 
 def plan_ahead(spec: Spec, faults: int) -> Contingencies:
-    """Plan for every set of up to so many faults in every phase, as `heronry contingencies` does."""
+    """Make a contingency for every set of up to `faults` faults in every phase, as `heronry contingencies` does."""
     scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
     return numbered(spec, scope, sweep(spec, scope, None))
 
@@ -84,18 +83,18 @@ class Planners(Enum):
     """The planners behind a manager's planning policy."""
 
     BEST = "the exact planner"
-    IMMEDIATE = "the greedy planner, and for what has time the exact one"
+    IMMEDIATE = "the greedy planner, and in the background the exact one"
     GREEDY = "the greedy planner"
     ALL = "the greedy planner, the exact one, and a pre-planner"
 
     def policy(self, spec: Spec, made: ContingencyTable | None) -> PlanningPolicy:
-        """Give a new policy with these planners behind it, and with these contingencies."""
+        """Give a new policy with these planners and these contingencies."""
         immediate = None if self is Planners.BEST else _greedy(spec)
         return PlanningPolicy(spec, immediate, has_planner=self is not Planners.GREEDY, contingencies=made)
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Give the best legal plan; raises InvariantError where the verifier refuses the planner's own."""
+    """Give the best legal plan; raises InvariantError if the verifier refuses it."""
     question = _question(spec, now)
     key: _Key = (question, None if running is None else frozenset(running.items()))
     known = KNOWN_PLANS.get(key)
@@ -110,28 +109,28 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
 
 
 def best_at_all(spec: Spec, now: Situation) -> Plan:
-    """Give some plan that is the best at levels 1 to 3, whatever runs: for oracles."""
+    """Give a plan that is best at levels 1 to 3, whatever runs; for oracles."""
     known = KNOWN_PLANS.get((_question(spec, now), _WHATEVER))
     return best_plan(spec, now, None) if known is None else known
 
 
 def immediate_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Give the plan that a manager without a solver flies; raises InvariantError where the verifier refuses it."""
+    """Give the plan of a manager without a solver; raises InvariantError if the verifier refuses it."""
     (decided,) = Planners.GREEDY.policy(spec, None).step(RequestPlan(0, now, running))
     return plan_of(decided)
 
 
 def plan_of(decided: Instruction) -> Plan:
-    """Give the plan that was decided on immediately; raises InvariantError where a greedy plan was refused."""
+    """Give the plan in a policy's immediate decision; raises InvariantError if a greedy plan was refused."""
     match decided:
         case Answer(PlanReady(plan=plan)):
             return plan
         case _:
-            raise InvariantError(f"no plan is at hand: {decided}")
+            raise InvariantError(f"the policy decided on no plan: {decided}")
 
 
 def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
-    """Give what could be served at best by criticality (level 1): for an oracle that needs no more."""
+    """Give level 1 (criticality) of the best plan, for oracles that need only this level."""
     question = _question(spec, now)
     known = KNOWN_PLANS.get((question, _WHATEVER))
     if known is not None:
@@ -163,5 +162,5 @@ def _greedy(spec: Spec) -> Greedy:
 
 
 def plans_known() -> int:
-    """Count the requests for a plan that have been answered in this process."""
+    """Count the requests for plans that were answered in this process."""
     return sum(runs != _WHATEVER for _, runs in KNOWN_PLANS)

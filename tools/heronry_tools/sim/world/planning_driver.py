@@ -1,8 +1,8 @@
-"""The driver of a simulated manager's planning policy: the planners behind it, and the virtual time that they take.
+"""The driver of a simulated manager's planning policy: its planners, and the virtual time that they take.
 
-The policy is the one that flies (`heronry_manager.core.planning_policy`); `Planners` says which planners stand behind
-it. An immediate answer takes a fixed time; the planner's and the pre-planner's processes take a drawn one. An answer
-that is on its way arrives, whatever happens to the manager meanwhile.
+The policy is the one that flies (`heronry_manager.core.planning_policy`), with the planners in `Planners`. An immediate
+answer takes a fixed time; the processes of planner and pre-planner take a drawn time. An answer under way arrives,
+whatever happens to the manager meanwhile.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.planning import Planners, best_plan
 from heronry_wire.sansio import require
 
-_LOOKED_UP_NS = 100_000  # time of a look into the contingencies
-_IMMEDIATE_NS = 3_000_000  # time of a greedy plan and the verifier
+_LOOKED_UP_NS = 100_000  # time to look up a contingency
+_IMMEDIATE_NS = 3_000_000  # time of the greedy planner and the verifier
 _TAKES_NS = {
     Source.CONTINGENCIES: _LOOKED_UP_NS,
     Source.PRE_PLANNED: _LOOKED_UP_NS,
@@ -35,7 +35,7 @@ _TAKES_NS = {
 
 
 class PlanningDriver:
-    """The policy of one manager, and its planners."""
+    """The planning policy of one manager, and its planners."""
 
     def __init__(
         self,
@@ -49,15 +49,15 @@ class PlanningDriver:
     ) -> None:
         """Begin with no request.
 
-        decide_ns: gives how long a process takes for its next plan. tell: takes each answer when it is there; those
-        that are FromPlanner are for `take`, as soon as the manager is awake.
+        decide_ns: gives the time of a planning process for its next plan. tell: called with each answer when it
+        arrives; a FromPlanner must then go to `take`, as soon as the manager is awake.
         """
         self._clock, self._spec, self._planners = clock, spec, planners
         self._decide_ns, self._tell = decide_ns, tell
         self._policy = planners.policy(spec, made)
 
     def take(self, event: PolicyEvent) -> None:
-        """Hand an event of the core or of a planner to the policy."""
+        """Give an event of the core or of a planner to the policy."""
         for instruction in self._policy.step(event):
             self._carry_out(instruction)
 
@@ -67,7 +67,7 @@ class PlanningDriver:
         self.answer(self._decide_ns(), PlannerAnswered(PlanReady(request.request, plan)))
 
     def answer(self, after_ns: int, answer: PlanReady | PlanFailed | FromPlanner) -> None:
-        """Give an answer after `after_ns`."""
+        """Let an answer arrive after `after_ns`."""
         self._clock.at(self._clock.now_ns + after_ns, lambda: self._tell(answer))
 
     def _carry_out(self, instruction: Instruction) -> None:
@@ -80,7 +80,7 @@ class PlanningDriver:
             case AskPlanner(request, refusal):
                 require(refusal is None, "the greedy plan for {} is not legal: {}", sorted(request.now.down), refusal)
                 self.ask_planner(request)
-            case PrePlan(number, question):  # pragma: no branch - nothing else is left
+            case PrePlan(number, question):  # pragma: no branch - the last kind of instruction
                 if self._planners is Planners.ALL:
                     plan = best_plan(self._spec, question.now, question.running)
                     self.answer(self._decide_ns(), PrePlannerAnswered(number, plan))

@@ -1,8 +1,8 @@
-"""The one plant of a run, and the view of it that each PE's devices have.
+"""The one plant of a run, and the device drivers through which each PE reads and moves it.
 
-In flight every process has a plant of its own, which follows the others by their echoes. In one process there can be
-one plant, which is nearer to the truth: a surface stays where it is when its processor restarts, and a servo that has
-failed stays failed. Whatever a PE's clock shows, the plant is read and moved at the true time.
+In flight every process has its own plant, which follows the others by their output echoes. The simulator is one process
+and has one plant, which is more realistic: a surface stays where it is when its PE restarts, and a failed servo stays
+failed. The plant is read and moved at the true time, whatever a PE's clock shows.
 """
 
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ class _DeviceOfPlant:
         self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:
-        """What the device reads now."""
+        """Give the device's present reading."""
         value = self._plant.read(self._name, self._clock.now_ns)
         return Reading(value, now_ns, value is not None)
 
@@ -39,12 +39,12 @@ class PlantView:
         self._plant, self._clock = plant, clock
 
     def open(self, name: str) -> _DeviceOfPlant:
-        """Give a device."""
+        """Give the device of this name."""
         return _DeviceOfPlant(self._plant, name, self._clock)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Sensors whose actuators a plant of one process would have to follow by their echoes."""
+        """Give the actuators on other PEs whose echoes a plant of one process would need."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Ignore an output echo: the one plant has moved already."""
+        """Ignore an output echo: the plant has moved already."""

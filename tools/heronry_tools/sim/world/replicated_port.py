@@ -1,12 +1,12 @@
-"""A simulated node's two controllers on one replicated bus: what `heronry_wire.replicated_link` is to a real node.
+"""The port of a simulated node on a replicated bus, as `heronry_wire.replicated_link` is that of a real node.
 
-Each frame is offered to both channels, as one object for both: an observer knows the copies of one sending by that, and
-the node does not. What either channel receives passes the parts that fly (`ChannelMerge`, `ChannelWatch`). When a copy
-has left, the other one's time is cut short; a simulated controller can abort what it has not begun to send, so nothing
-late goes out here.
+Each frame is offered to both channels as one Python object, by which an observer recognizes the copies of one
+transmission; the node does not use that. The parts that fly (`ChannelMerge`, `ChannelWatch`) decide on each received
+frame. When one copy has been sent, the time of the other is cut short. A simulated controller can abort a frame that it
+has not begun to send, so no late copy is sent here.
 
-The node goes on with one port: `listener` gets each frame once, `left` is told when the first copy of a frame has gone,
-`told` which channels are lost. `witness` sees every copy and what was done with it, for the oracles of the run.
+To the node this is one port. `listener` gets each frame once, `left` is called when the first copy of a frame was sent,
+and `told` with the channels that are lost. `witness` gets every copy and the decision on it, for the oracles.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ from heronry_wire.sansio import NEVER_NS, Received
 
 
 class Copy(NamedTuple):
-    """A frame that a channel, 0 or 1, has brought to a node."""
+    """A copy of a frame that a channel (0 or 1) has delivered to a node."""
 
     t_ns: int
     node: str
@@ -34,7 +34,7 @@ class Copy(NamedTuple):
 
 
 class ReplicatedPort:
-    """Two stations that are one port."""
+    """Two stations, one on each channel, that act as one port."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class ReplicatedPort:
         told: Callable[[frozenset[int]], None],
         witness: Callable[[Copy], None],
     ) -> None:
-        """Take over the listeners of these stations, one on each channel."""
+        """Replace the listeners of the two stations."""
         self.listener = listener
         self.left: Callable[[Frame], None] | None = None
         self._clock, self._wires, self._told, self._witness = clock, tuple(wires), told, witness

@@ -1,7 +1,7 @@
-"""How an SDO client reads and writes objects of a node, as generators: a `yield` sends a message and gets the answer.
+"""An SDO client that reads and writes objects of a node; each transfer is a generator.
 
-Written from CiA 301 (7.2.4), and not from the server: any deviation from the standard is a `WrongAnswerError`. An abort
-by the server is an answer like another.
+A `yield` sends a message and gives the answer. The client follows CiA 301 (7.2.4), not the server's code: it raises
+`WrongAnswerError` on any deviation from the standard. An abort by the server is a normal answer.
 """
 
 from collections.abc import Generator
@@ -60,7 +60,7 @@ from heronry_wire.sdo import (
 
 T = TypeVar("T")
 Request = tuple[Frame | None, int, int]
-"""The message to send, the identifier of the answer, and how long to wait for it in ns."""
+"""The message to send, the identifier of its answer, and the longest wait for the answer (ns)."""
 Talk = Generator[Request, bytes | None, T]
 
 PATIENCE_NS = 700_000_000
@@ -68,7 +68,7 @@ _SILENCE_NS = 30_000_000
 
 
 class WrongAnswerError(Exception):
-    """A node does not answer as the standard says."""
+    """A node's answer deviates from the standard."""
 
 
 class SdoTalk:
@@ -78,26 +78,26 @@ class SdoTalk:
         self._request_id, self._response_id = sdo_request_id(node), sdo_response_id(node)
 
     def ask(self, message: bytes) -> Talk[bytes]:
-        """Send a message that has an answer."""
+        """Send a message and give its answer; raises WrongAnswerError if the answer is wrong or missing."""
         answer = yield Frame(self._request_id, message), self._response_id, PATIENCE_NS
         if answer is None or len(answer) != MESSAGE_BYTES:
             raise WrongAnswerError(f"{message.hex(' ')} is answered with {_told(answer)}")
         return answer
 
     def hear(self) -> Talk[bytes]:
-        """Wait for the next message of the server, which comes without a request of its own."""
+        """Wait for the server's next message, which needs no request."""
         answer = yield None, self._response_id, PATIENCE_NS
         if answer is None:
-            raise WrongAnswerError("the next message does not come")
+            raise WrongAnswerError("the server does not send its next message")
         return answer
 
     def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:
-        """Send a message that has no answer."""
+        """Send a message that must have no answer."""
         answer = yield Frame(self._request_id, message), self._response_id, silence_ns
-        _demand(answer is None, "an answer to %s that has none: %s", message, answer)
+        _demand(answer is None, "%s must have no answer, but is answered with %s", message, answer)
 
     def refused(self, message: bytes, reason: Abort, index: int = 0, sub_index: int = 0) -> Talk[None]:
-        """Send a message that ends the transfer of an object with an abort."""
+        """Send a message that the server must answer with this abort."""
         answer = yield from self.ask(message)
         _demand(_abort(answer, index, sub_index) is reason, "%s is answered with %s", message, answer)
 
@@ -108,27 +108,31 @@ class SdoTalk:
         if abort is not None:
             return abort
         command, place = command_of(answer), read_head(answer)
-        _demand(command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index), "it reads as %s", answer)
+        _demand(
+            command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index),
+            "an upload is answered with %s",
+            answer,
+        )
         if command & EXPEDITED:
             return place[2][: expedited_length(command) if command & SIZE_GIVEN else None]
-        _demand(bool(command & SIZE_GIVEN), "the length is not given: %s", answer)
+        _demand(bool(command & SIZE_GIVEN), "an upload is answered without a length: %s", answer)
         length, data, toggle = read_length(place[2]), b"", 0
         while True:
             answer = yield from self.ask(segment(SEGMENT_UPLOAD | toggle, b""))
             _demand(
                 command_of(answer) & (COMMAND_BITS | TOGGLE) == SEGMENT_UPLOAD_ANSWER | toggle,
-                "a segment is %s",
+                "a request for a segment is answered with %s",
                 answer,
             )
             data += segment_data(answer)
-            _demand(len(data) <= length, "%s bytes were announced, and %s have come", length, len(data))
+            _demand(len(data) <= length, "%s bytes were announced, but %s have come", length, len(data))
             toggle ^= TOGGLE
             if command_of(answer) & LAST_SEGMENT:
-                _demand(len(data) == length, "%s bytes were announced, and %s came", length, len(data))
+                _demand(len(data) == length, "%s bytes were announced, but %s came", length, len(data))
                 return data
 
     def upload_by_block(self, index: int, sub_index: int, size: int, lost: int = 0) -> Talk[bytes | Abort]:
-        """Read an object by blocks of `size` segments; of the first block the last `lost` segments get lost."""
+        """Read an object by blocks of `size` segments; the last `lost` segments of the first block get lost."""
         answer = yield from self.ask(
             with_data(BLOCK_UPLOAD | BLOCK_CRC | BLOCK_INITIATE, index, sub_index, bytes((size,)))
         )
@@ -136,7 +140,7 @@ class SdoTalk:
         if abort is not None:
             return abort
         is_opened = command_of(answer) == BLOCK_UPLOAD_ANSWER | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
-        _demand(is_opened and read_head(answer)[:2] == (index, sub_index), "the block upload is opened with %s", answer)
+        _demand(is_opened and read_head(answer)[:2] == (index, sub_index), "a block upload begins with %s", answer)
         length, data = read_length(read_head(answer)[2]), b""
         answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_START, b""))
         while (
@@ -152,17 +156,17 @@ class SdoTalk:
             answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_ACKNOWLEDGE, bytes((len(kept), size))))
         data = data[: len(data) - unused_in_block(answer)]
         _demand(len(data) == length, "%s bytes were announced, and %s came", length, len(data))
-        _demand(block_checksum(answer) == crc(data), "the checksum is wrong: %s", answer)
+        _demand(block_checksum(answer) == crc(data), "the checksum of a block upload is wrong: %s", answer)
         yield from self.say(segment(BLOCK_UPLOAD | BLOCK_END, b""))
         return data
 
     def _block(self, first: bytes, size: int) -> Talk[list[bytes]]:
-        """Receive the segments of a block, the first of which has come."""
+        """Receive the segments of a block; `first` is its first segment."""
         parts: list[bytes] = []
         answer = first
         while True:
             _demand(
-                command_of(answer) & SEQUENCE_BITS == len(parts) + 1, "a segment of a block out of turn: %s", answer
+                command_of(answer) & SEQUENCE_BITS == len(parts) + 1, "a segment of a block is out of order: %s", answer
             )
             parts.append(block_segment_data(answer))
             if command_of(answer) & BLOCK_LAST_SEGMENT or len(parts) == size:
@@ -170,7 +174,7 @@ class SdoTalk:
             answer = yield from self.hear()
 
     def download(self, index: int, sub_index: int, data: bytes) -> Talk[Abort | None]:
-        """Write an object, expedited where that is possible, or by segments."""
+        """Write an object, expedited if it is short enough, else by segments; gives the server's abort, or None."""
         is_short = 0 < len(data) <= EXPEDITED_BYTES
         command = EXPEDITED | (EXPEDITED_BYTES - len(data)) << 2 if is_short else 0
         content = data.ljust(4, b"\0") if is_short else len(data).to_bytes(4, "little")
@@ -195,7 +199,10 @@ class SdoTalk:
     def download_by_block(
         self, index: int, sub_index: int, data: bytes, *, loses: int = 0, checksum: int | None = None
     ) -> Talk[Abort | None]:
-        """Write an object by blocks; loses: segment of the first block that gets lost; checksum: not the true one."""
+        """Write an object by blocks; gives the server's abort, or None.
+
+        loses: number of the segment of the first block that gets lost; 0: none. checksum: a wrong one; None: right.
+        """
         answer = yield from self.ask(
             with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE, index, sub_index, len(data))
         )
@@ -203,7 +210,9 @@ class SdoTalk:
         if abort is not None:
             return abort
         _demand(
-            command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE, "it is opened with %s", answer
+            command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE,
+            "the begin of a block download is answered with %s",
+            answer,
         )
         size, at = block_size(read_head(answer)[2]), 0
         while at < len(data):
@@ -215,14 +224,20 @@ class SdoTalk:
                 command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, "a block is answered with %s", answer
             )
             received, size = block_acknowledged(answer)
-            _demand(received == (loses - 1 if loses else len(parts)), "so many have come in order: %s", answer)
+            _demand(
+                received == (loses - 1 if loses else len(parts)),
+                "a block download is acknowledged with a wrong count: %s",
+                answer,
+            )
             at, loses = at + received * SEGMENT_BYTES, 0
         unused = -len(data) % SEGMENT_BYTES
         end = block_end(BLOCK_DOWNLOAD | unused << 2 | BLOCK_END, crc(data) if checksum is None else checksum)
         answer = yield from self.ask(end)
         abort = _abort(answer, index, sub_index)
         _demand(
-            abort is not None or answer == segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_END, b""), "it ends with %s", answer
+            abort is not None or answer == segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_END, b""),
+            "the end of a block download is answered with %s",
+            answer,
         )
         return abort
 
@@ -235,7 +250,7 @@ class SdoTalk:
 
 
 def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
-    """Reason of an abort of the transfer of this object; None where the answer is no abort."""
+    """Give the reason if the answer aborts the transfer of this object; None if the answer is no abort."""
     if command_of(answer) != ABORT:
         return None
     *place, reason = read_head(answer)

@@ -1,6 +1,6 @@
-"""The driver of a simulated manager: its core, its stations on the bus, its disk, and the driver of its planners.
+"""The driver of a simulated manager: its core, its stations, its disk, and the driver of its planners.
 
-The core is the one that flies. Its invariants are checked after every call that did more than send a frame, and at
+The core is the one that flies. Its invariants are checked after every call that did more than send a frame, and after
 every sixteenth call.
 """
 
@@ -62,10 +62,10 @@ class SimulatedManager(Node):
         ahead: Prepared,
         witness: Callable[[Copy], None],
     ) -> None:
-        """Join the bus, on each of its channels, and start.
+        """Join the bus on each of its channels, and start.
 
-        decide_ns: gives how long the next plan takes. tell: is called with every event. ahead: the plans made ahead.
-        disk: where its journal is kept. name: of its station.
+        decide_ns: gives the time of the next planning run. tell: called with every event. ahead: the contingencies.
+        disk: the disk with its journal. name: of its station.
         """
         super().__init__(clock, time)
         self._tell = tell
@@ -73,7 +73,7 @@ class SimulatedManager(Node):
         self._ready: list[ManagerEvent | FromPlanner] = []
         self._replies: list[Reply] = []
         self._handed = 0
-        self.stopped: str | None = None  # why the core has ended
+        self.stopped: str | None = None  # why the core has ended; None: it has not
         memory = disk.opened()
         self.core = ManagerCore(
             spec,
@@ -93,12 +93,12 @@ class SimulatedManager(Node):
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
-        """Hand an order of the operator to the core; gives its answer."""
+        """Give an order of the operator to the core; gives the core's answer."""
         self._hand_over(OperatorSaid(0, order))
         return self._replies.pop()
 
     def jump(self, ahead_ns: int) -> None:
-        """Let the manager's clock jump ahead."""
+        """Let the manager's clock jump ahead by `ahead_ns`."""
         self.time.jump(ahead_ns)
         self._wake()
 
@@ -151,7 +151,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _left(self, frame: Frame) -> None:
-        """A frame is on the bus; while the processor stands still the core does not learn of it."""
+        """Report to the core that a frame was sent, unless the processor is paused."""
         if frame.can_id == self.core.alive_id and self.is_awake:
             self._hand_over(AliveLeft(frame))
 
@@ -159,7 +159,7 @@ class SimulatedManager(Node):
         self._told(ChannelsLost(lost))
 
     def _told(self, ready: ManagerEvent | FromPlanner) -> None:
-        """A planner, a process of its own, has answered, or the driver reports something."""
+        """Take an event of a planner's process or of the driver."""
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):
@@ -174,7 +174,7 @@ class SimulatedManager(Node):
 
 
 class _Heard:
-    """The identifiers that a manager's core wants; they never change."""
+    """The identifiers that a manager's core receives; they never change."""
 
     def __init__(self, core: ManagerCore) -> None:
         self._core = core

@@ -1,10 +1,10 @@
-"""The driver of a simulated PE: its core, its stations on the buses, its modules, its deadline on the virtual clock.
+"""The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
-The core and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of an
-aircraft were switched on at the same moment, and the phase between their periods decides much. How its modules compute
-is in `module_steps`, how its frames leave in `pe_outbox`.
+Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
+switched on at one moment, and the phase between their periods matters. `module_steps` models the time of steps,
+`pe_outbox` the sending of frames.
 
-The core's invariants are checked after every call that did more than send a frame or release a module; else at every
+The core's invariants are checked after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
 """
 
@@ -67,9 +67,10 @@ class SimulatedPe(Node):
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
-        drive: is called with every step of a module that drives, look: with some others; move: with every order to a
-        device. broken: how a module fails at its next step, by name, or which phase it requests (ASKS); broke: is
-        called when it has failed. witness: sees every copy of a frame on a replicated bus.
+        drive: called with every step of a module that drives. look: called with some steps of other modules.
+        move: called with every order to a device. witness: gets every copy of a frame on a replicated bus.
+        broken: by module, how it fails at its next step, or which phase it requests (ASKS).
+        broke: called when a module has failed.
         """
         super().__init__(clock, time)
         self.name = table.name
@@ -82,12 +83,12 @@ class SimulatedPe(Node):
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
         )
         self.modules = tuple(self.steps.names.values())  # modules that may run here
-        # There is one plant, which follows no actuator by its echo; a gateway has to pass the echo on.
+        # The one plant needs no output echoes; but a gateway must forward them.
         self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
         self._identifiers: object = None
         self._wakes = 0
         self._unfinished: list[Action] = []
-        self._answers: list[Event] = []  # events that came while the processor stood still
+        self._answers: list[Event] = []  # events that came during a pause of the processor
         for entry in table.ports:
             self._join(table.name, buses[entry.bus], entry, witness)
         self.outbox = PeOutbox(
@@ -104,17 +105,17 @@ class SimulatedPe(Node):
         self._arm(self.core.next_deadline_ns())
 
     def unstick(self) -> None:
-        """Let the steps that hung come to their end."""
+        """Complete the steps that hang."""
         self.steps.unstick()
         self._wake()
 
     def jump(self, ahead_ns: int) -> None:
-        """Let the PE's clock jump ahead."""
+        """Let the PE's clock jump ahead by `ahead_ns`."""
         self.time.jump(ahead_ns)
         self._wake()
 
     def give(self, answer: Event) -> None:
-        """Give the core an event that comes later than its request, or without one."""
+        """Give the core an event, for example the late answer to a request."""
         if not self.is_awake:
             self._answers.append(answer)
         else:
@@ -122,12 +123,12 @@ class SimulatedPe(Node):
             self._wake()
 
     def put_off(self, actions: Sequence[Action]) -> None:
-        """Carry these actions out when the processor goes on."""
+        """Execute these actions when the pause of the processor ends."""
         self._unfinished += actions
         self.steps.wait(actions)
 
     def _listen(self) -> None:
-        """Let the controllers filter out frames that mean nothing to this PE now."""
+        """Set the controllers' filters to the identifiers that this PE needs now."""
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
         for bus, station in self.stations:
@@ -135,7 +136,7 @@ class SimulatedPe(Node):
                 bus.wants(station, wanted)
 
     def _left(self, port: int, _: Frame) -> None:
-        """A frame has left for a radio; while the processor stands still the core does not learn of it."""
+        """Report to the core that a frame was sent to a radio, unless the processor is paused."""
         if not self.is_awake:
             return
         took_ns = self.outbox.took_ns(port)
@@ -168,7 +169,7 @@ class SimulatedPe(Node):
             self._arm(due_ns)
 
     def _carry_out(self, actions: list[Action]) -> None:
-        """Carry out the core's actions, and those that follow from its modules' answers."""
+        """Execute the core's actions, and those that follow from its modules' answers."""
         if not _ROUTINE.issuperset(map(type, actions)):
             self.core.validate()
             if self.core.identifiers is not self._identifiers:

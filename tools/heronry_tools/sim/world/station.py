@@ -1,16 +1,15 @@
-"""One node's CAN controller on one bus: a mailbox for one frame, two error counters, and the state of its wires.
+"""A node's CAN controller on one bus: a mailbox for one frame, two error counters, and the state of its wires.
 
-The node keeps its frames in a queue of its own, by priority, and hands over one at a time (protocol rule 13). A frame
-that has been handed over waits for the bus in the mailbox and cannot be overtaken by a more urgent frame of the same
-node; it is sent until it has been sent well (automatic retransmission), or until its time is over: the controller is
-then told to abort it. (Most controllers can; SocketCAN has no call for it, and there one stale frame may go out when a
-wire is mended. No consumer takes it: its sender is foreign by then.)
+The node keeps its frames in its own queue, by priority, and moves one at a time to the mailbox (protocol rule 13). A
+frame in the mailbox cannot be overtaken by a more urgent frame of the same node. It is repeated until it is sent
+without error (automatic retransmission), or until its time is over and the node aborts it. (Most controllers can abort;
+SocketCAN has no call for that, so there one stale frame may be sent when a wire is mended. No consumer accepts it:
+by then its sender is not the source of the datum.)
 
-Error counters are those of ISO 11898-1 12.1.4, without the rules for single bits: a frame that fails costs its sender
-8 and every receiver 1, one that succeeds gives back 1. Above 127 the controller is *error-passive*: it lets 8 bits go
-by after each of its frames, so that others may go first. Above 255 it is *bus-off*: it neither sends nor hears, what
-was in the mailbox is lost, and it is started again on purpose after `RESTART_NS` (Linux: `restart-ms`) and 128 times
-11 bits.
+Error counters follow ISO 11898-1 12.1.4, without the rules for single bits: a failed frame adds 8 at its sender and 1
+at every receiver, and a frame without error subtracts 1. Above 127 the controller is *error-passive*: it waits for 8
+bits after each of its frames, so that others may send first. Above 255 it is *bus-off*: it neither sends nor hears, and
+the frame in the mailbox is lost. It is restarted after `RESTART_NS` (Linux: `restart-ms`) and 128 times 11 bits.
 """
 
 from collections.abc import Callable, Container
@@ -31,17 +30,17 @@ class Waiting:
     """A frame in a queue or mailbox."""
 
     key: int  # arbitration key
-    offer: int  # its number: of frames with equal keys the first goes first
+    offer: int  # serial number: of frames with equal keys the lower is sent first
     station: "Station"
     frame: Frame
-    until_ns: int  # latest start
+    until_ns: int  # latest start of its transmission
 
 
-Urgency = tuple[int, int, Waiting]  # key and offer before all else: the most urgent one is the least
+Urgency = tuple[int, int, Waiting]  # key, offer, frame: the most urgent one is the smallest
 
 
 class _Everything:
-    """Contains every identifier."""
+    """A container with every identifier."""
 
     def __contains__(self, identifier: object) -> bool:
         return True
@@ -49,23 +48,23 @@ class _Everything:
 
 @dataclass(slots=True, eq=False)
 class Station:
-    """State of one controller; the bus changes it."""
+    """The state of one controller, which the bus changes."""
 
     name: str
-    port: int  # index of the bus among the node's own
-    number: int  # among all stations that were ever on this bus
+    port: int  # index of the bus among the node's buses
+    number: int  # serial number among all stations that were ever on this bus
     listener: Callable[[Received], None]
     wants: Container[int] = field(default_factory=_Everything)  # identifiers; all others are filtered out
-    left: Callable[[Frame], None] | None = None  # called whenever a frame has left
+    left: Callable[[Frame], None] | None = None  # called whenever a frame has been sent
     can_send: bool = True  # the mailbox takes part in arbitration; follows from the five states below
-    can_hear: bool = True  # follows from them too
+    can_hear: bool = True  # follows from the same states
     present: bool = True
     cut_off: bool = False  # neither sends nor hears
     receive_failed: bool = False  # sends, but does not hear
     transmit_failed: bool = False  # hears, but does not send
     off: bool = False  # bus-off
     stands_back_until_ns: int = 0  # until then only frames more urgent than data move to the mailbox
-    stalled: bool = False  # the processor stands still: nothing moves from the queue to the mailbox
+    stalled: bool = False  # the processor is paused: nothing moves from the queue to the mailbox
     fails: bool = False  # its transmitter destroys every frame it sends
     transmit_errors: int = 0
     receive_errors: int = 0
@@ -73,7 +72,7 @@ class Station:
     queue: list[Urgency] = field(default_factory=list)  # a heap
 
     def reconsider(self) -> None:
-        """Compute anew, after a change of the wires, whether the station can send and hear."""
+        """Recompute `can_send` and `can_hear` after a change of the wires."""
         self.can_send = self.present and not (self.cut_off or self.transmit_failed or self.off)
         self.can_hear = self.present and not (self.cut_off or self.receive_failed or self.off)
 

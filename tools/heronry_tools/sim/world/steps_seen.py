@@ -1,8 +1,8 @@
-"""What a simulated PE reports of its modules: each step that is observed, and each order to a device.
+"""The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
-Every step of a module that drives an actuator or is a branch of a DEMUX is reported (`Driven`), with its inputs, and of
-all other steps every eighth; and every order that its PE gives to a device (`Moved`), which may come much later than
-the step, or never.
+Every step of a module that drives an actuator or is a branch of a DEMUX is reported (`Driven`) with its inputs, and
+every eighth of all other steps. Every order of the PE to a device is reported (`Moved`); it may come much later than
+the module's step, or never.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from heronry_agent.module import Datum
 
 
 class Moved(NamedTuple):
-    """A PE lets the device of a module move."""
+    """A PE has allowed the device of a module to move."""
 
     t_ns: int
     pe: str
@@ -20,9 +20,9 @@ class Moved(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A module was stepped: one that drives an actuator, a branch of a DEMUX, or any other.
+    """A step of a module, with its inputs.
 
-    asked_ns: when the core requested the step, and looked at its inputs.
+    asked_ns: when the core requested the step, and read its inputs.
     """
 
     t_ns: int

@@ -1,6 +1,6 @@
-"""A foreign node: it repeats one frame, without end or with a period.
+"""A foreign node: it repeats one frame, without pause or with a period.
 
-Its name begins with a word that no node's name has, so that the oracles can tell it from the nodes of the spec.
+Its name begins with a word with which no node's name begins, so that the oracles can tell it from the spec's nodes.
 """
 
 from heronry_tools.sim.world.bus import SimulatedBus
@@ -13,10 +13,10 @@ _NS_PER_S = 1_000_000_000
 
 
 class Stranger:
-    """Sends from its creation until it leaves."""
+    """A foreign node, which sends from its creation until `leave`."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, frame: Frame, every_ns: int | None = None) -> None:
-        """Send a frame every `every_ns`; without end where that is None."""
+        """Send a frame every `every_ns`, or without pause where that is None."""
         self._clock, self._bus, self._frame = clock, bus, frame
         self._every_ns = every_ns or exact_bits(frame) * _NS_PER_S // bus.bitrate
         self._station = bus.join(f"{STRANGER}{frame.can_id}", 0, lambda _: None, ())
@@ -31,5 +31,5 @@ class Stranger:
         if not self._station.present:
             return
         if self._station.mailbox is None:
-            self._bus.offer(self._station, Frame(self._frame.can_id, self._frame.data))  # a new sending
+            self._bus.offer(self._station, Frame(self._frame.can_id, self._frame.data))  # a new transmission
         self._clock.at(self._clock.now_ns + self._every_ns, self._send)

@@ -1,4 +1,4 @@
-"""What foreign nodes do on a bus, and what changes frames past the CRC: babblers, twins, forgers."""
+"""Injects foreign nodes on a bus (babbling nodes, twins, attackers), and alters frames past their CRC."""
 
 from collections.abc import Sequence
 from random import Random
@@ -59,7 +59,7 @@ def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
 
 
 def _alter(uses: frozenset[Use], share: float) -> Inject:
-    """Change what is received: the given share of the frames of these uses."""
+    """Alter the given share of all received frames with these uses."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
         wires = simulation.wiring.wires[fault.name]

@@ -15,7 +15,7 @@ def _channel_loss(simulation: Simulation, fault: Fault, _: Random) -> End:
 
 
 def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
-    """Break a bus in the middle: the managers are on two sides, and each PE is on one of them."""
+    """Break a bus in the middle, with one manager on each side; the side of each PE is drawn."""
     managers = [f"manager {node}" for node in random.sample(MANAGER_NODES, 2)]
     beyond = {managers[0], *(pe for pe in simulation.spec.pes if random.randrange(2))}
     wires, one_way = simulation.wiring.wires[fault.name], fault.level == 1
@@ -35,7 +35,7 @@ def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _share(field: str) -> Inject:
-    """Set one of the probabilities of a bus."""
+    """Set one of the probabilities in a bus's `Faults`."""
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
         wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)

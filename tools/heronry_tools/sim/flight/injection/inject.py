@@ -1,7 +1,7 @@
-"""How a fault is injected: a function does something to a simulation, and returns what ends it.
+"""The form of an injection: a function that does something to a simulation, and returns the function that ends it.
 
-The function returns None where it injected nothing (a PE that is dead cannot be paused). What was ended once is not
-ended again; what a fault had done to a PE that has died since died with it.
+It returns None if it injected nothing (for example a pause of a dead PE). No fault is ended twice. A fault of a PE or
+manager that has died meanwhile is not ended: it died with that incarnation.
 """
 
 from collections.abc import Callable
@@ -15,15 +15,15 @@ End = Callable[[], None]
 Inject = Callable[[Simulation, Fault, Random], End | None]
 
 _PLUGS = ((True, False), (False, True), (True, True), (False, False))  # transmit failed, receive failed
-_PLUG_HOLDS_MS = (6, 40, 200)  # the longest time in one of these states, drawn
+_PLUG_HOLDS_MS = (6, 40, 200)  # longest time in one of these states; one of these is drawn
 
 
 def nothing() -> None:
-    """Do nothing: the end of a fault that needs no end."""
+    """Do nothing: the end of a fault that has nothing to end."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Call `turn` now, and again until the fault is ended; `turn` gives the ns to the next call, None: no more."""
+    """Call `turn` now and repeatedly until the fault is ended; `turn` gives the ns to its next call, None: no more."""
     over = False
 
     def do() -> None:
@@ -40,7 +40,7 @@ def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
 
 
 def loosen(simulation: Simulation, node: Node, random: Random) -> End:
-    """Let a plug be loose: each direction breaks and mends in turn, within a heartbeat period or some periods later."""
+    """Let transmitter and receiver of a node fail and recover in turn; the times are drawn (6 to 200 ms at most)."""
 
     def turn() -> int | None:
         if not node.running:

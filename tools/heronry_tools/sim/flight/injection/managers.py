@@ -1,4 +1,4 @@
-"""Faults of managers: they die, stand still, are not heard, are started twice, or their disk is full."""
+"""Faults of managers: death, pause, broken wires, a second start, a full disk."""
 
 from collections.abc import Callable
 from random import Random
@@ -8,16 +8,16 @@ from heronry_tools.sim.flight.injection.inject import End, Inject, loosen, nothi
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 
-_OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key take a manager that counts again for a replay
+_OF_REPLAYED_COUNTERS = frozenset(("silence",))  # PEs with a key reject reused command numbers as a replay
 
 
 def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
-    """Inject into the manager that a fault names, if it runs; its end is done to that same incarnation."""
+    """Inject into the running manager that a fault names; the fault is ended in the same incarnation only."""
     return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 
 
 def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
-    """Inject into the manager that a fault names, known by its seat, if it runs."""
+    """Inject into the seat of the running manager that a fault names."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         node, foremost = MANAGERS[fault.target], simulation.managers.foremost

@@ -1,4 +1,4 @@
-"""Faults of PEs: they die, stand still, are not heard, compute slowly or without end, or are inspected."""
+"""Faults of PEs: death, pause, broken wires, slow or hanging modules, an inspection."""
 
 from collections.abc import Callable
 from random import Random
@@ -12,7 +12,7 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Inject into a PE that lives; the end is done to that same incarnation."""
+    """Inject into a running PE; the fault is ended in the same incarnation only."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         pe = simulation.fleet.running.get(fault.name)
@@ -25,7 +25,7 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Inject where a PE of that name lives; the end is done to whichever incarnation of it runs then."""
+    """Inject into a running PE; the fault is ended in whichever incarnation of the PE runs then."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         return do(simulation, fault, random) if fault.name in simulation.fleet.running else None
@@ -58,7 +58,7 @@ def _brownout(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _stale_table(simulation: Simulation, fault: Fault, _: Random) -> End:
-    """A PE is restarted with the table of another spec, and at the end with the right one."""
+    """Restart a PE with the table of another spec, and at the end of the fault with the right one."""
     fleet = simulation.fleet
 
     def restart() -> None:
@@ -162,7 +162,7 @@ def _inspect(simulation: Simulation, fault: Fault, _: Random) -> End:
 
     def end() -> None:
         if not diagnostic_client.is_done and fault.lasts_ms >= KINDS[fault.kind].lasts_ms[0]:
-            simulation.checks.wrong(simulation.now_ns, f"{fault.name}: the inspection has not come to its end")
+            simulation.checks.wrong(simulation.now_ns, f"the inspection of {fault.name} did not end")
         diagnostic_client.leave()
 
     return end

@@ -1,6 +1,7 @@
-"""Every kind of fault by its name, and how it is injected; `faults.fault` says what it is, and what is promised.
+"""The table from each kind of fault to the function that injects it.
 
-To add one: name it there, and write how it is injected in the file of this folder for its kind of target.
+`faults.fault` describes the kinds. To add a kind, add it to `faults.fault`, and write its function in the file of this
+folder for its kind of target.
 """
 
 from collections.abc import Mapping

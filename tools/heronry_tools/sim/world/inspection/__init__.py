@@ -1,1 +1,1 @@
-"""A diagnostic client at one PE, with CANopen and CANaerospace: what it reads, writes and gets wrong, by topic."""
+"""A diagnostic client that inspects one PE by CANopen and CANaerospace; one file per topic of the inspection."""

@@ -1,14 +1,14 @@
-"""A diagnostic client with CANopen and CANaerospace at one PE, in flight or on a desk: it reads, writes, and errs.
+"""A diagnostic client that inspects one PE by CANopen and CANaerospace, in flight or on a desk, and makes mistakes.
 
-Whatever the client sends to a PE must not disturb the flight, and is answered as the standards say. The client knows
-the standards (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to its state frames, and has no
-access to a core. The first wrong answer is reported (`wrong`), and the inspection ends there.
+No message of the client may disturb the flight, and the PE must answer each as the standards say. The client knows the
+standards (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to the PE's state frames, and has no
+access to a core. The first wrong answer is reported (`wrong`) and ends the inspection.
 
-    in flight   the PE is configured: everything can be read, NMT is refused, a table is refused
-    on a desk   the PE runs nothing and hears no manager: NMT works, and the PE's own table may be written again
+    in flight   the PE is configured: everything can be read, NMT commands and tables are refused
+    on a desk   the PE runs nothing and hears no manager: NMT commands work, and the PE's own table may be written again
 
-What is inspected follows from what the PE's heartbeat reports. An inspection takes some seconds; what it has set, it
-sets back.
+The state in the PE's heartbeat decides which of the two is inspected. An inspection takes some seconds; the client sets
+everything that it has changed back to the old value.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 
 class DiagnosticClient:
-    """Inspects one PE from its creation, until all topics are done or the client leaves."""
+    """Inspects one PE from its creation, until all topics are done or until `leave`."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class DiagnosticClient:
         running: Callable[[], Mapping[str, str]],
         wrong: Callable[[str], None],
     ) -> None:
-        """running: gives the modules that are planned on the PE, with their modes. wrong: is told a wrong answer."""
+        """running: gives the modules planned on the PE, with their modes. wrong: called with a wrong answer."""
         self._clock, self._bus, self._table, self._wrong = clock, bus, table, wrong
         self._node = table.node_id
         self._heard = Heard()
@@ -70,7 +70,7 @@ class DiagnosticClient:
         if self._station.present:
             self._bus.leave(self._station)
 
-    # The talk goes on with an answer, or when the time for one is over
+    # The inspection continues with an answer, or when the time for an answer is over
 
     def _go(self, answer: bytes | None) -> None:
         talk = self._talk
@@ -111,14 +111,14 @@ class DiagnosticClient:
 
 
 def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
-    """Every topic, one after the other."""
+    """Inspect every topic, one after the other."""
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state
     demand(bool(heard.heartbeats), "the heartbeat is not heard")
     is_flying = heard.pages_0[-1][1].epoch != NO_EPOCH
     reported = heard.heartbeats[-1][1]
-    demand(reported == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"the heartbeat says {reported}")
+    demand(reported == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"the heartbeat reports state {reported}")
     yield from objects.constants()
     yield from objects.present_state(is_flying=is_flying)
     yield from objects.long_texts()

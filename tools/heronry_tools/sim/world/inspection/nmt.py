@@ -1,4 +1,4 @@
-"""CANopen's NMT and heartbeat (CiA 301, 7.2.8): refused in flight, executed on a desk; the time of the heartbeat."""
+"""The topic CANopen NMT and heartbeat (CiA 301, 7.2.8): refused in flight, executed on a desk; the heartbeat time."""
 
 from heronry_tools.sim.world.inspection.topic import (
     BOOT_UP,
@@ -23,10 +23,10 @@ _WAIT_NS = 100 * MS
 
 
 class Nmt(Topic):
-    """Commands the node by NMT, and verifies the heartbeat."""
+    """Sends NMT commands to the node, and verifies its heartbeat."""
 
     def heartbeat_time(self) -> Talk[None]:
-        """The heartbeat comes as often as object 1017h says; never, if it says 0."""
+        """The heartbeat comes with the period in object 1017h; at 0 it does not come."""
         for time_ms in (SHORT_MS, 0, SLOW_MS, HEARTBEAT_MS):
             found = yield from self._sdo.download(HEARTBEAT_TIME, 0, time_ms.to_bytes(2, "little"))
             demand(found is None, f"a heartbeat time of {time_ms} ms is refused: {found}")
@@ -34,7 +34,7 @@ class Nmt(Topic):
             yield from self.beats_every(time_ms)
 
     def in_flight(self) -> Talk[None]:
-        """No command is executed: the heartbeat goes on, and says that the PE is operational."""
+        """No command is executed: the heartbeat continues, and reports that the PE is operational."""
         for command in (_STOP, _ENTER_PRE_OPERATIONAL, _RESET, _RESET_COMMUNICATION, _START, 77):
             for node in (self._node, BROADCAST):
                 yield Frame(NMT_ID, bytes((command, node))), -1, 2 * MS
@@ -42,10 +42,10 @@ class Nmt(Topic):
         self._heard.heartbeats.clear()
         yield from self.wait(HEARTBEAT_MS + 20)
         states = {value for _, value in self._heard.heartbeats}
-        demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat says {states}")
+        demand(states == {OPERATIONAL}, f"after NMT commands in flight the heartbeat reports states {states}")
 
     def on_a_desk(self) -> Talk[None]:
-        """Every command is executed, but only where it is addressed to this node."""
+        """Every command that is addressed to this node, and no other, is executed."""
         yield from self._sdo.download(HEARTBEAT_TIME, 0, SHORT_MS.to_bytes(2, "little"))
         yield from self._commanded(_START, self._node, [OPERATIONAL])
         yield from self._commanded(_STOP, self._node + 1, [OPERATIONAL])
@@ -67,4 +67,4 @@ class Nmt(Topic):
         self._heard.heartbeats.clear()
         yield Frame(NMT_ID, bytes((command, node))), -1, (time_ms + 10) * MS
         heard = [value for _, value in self._heard.heartbeats]
-        demand(heard == states, f"after NMT command {command} to {node} the heartbeat says {heard}, and not {states}")
+        demand(heard == states, f"after NMT command {command} to {node} the heartbeat reports {heard}, not {states}")

@@ -1,4 +1,4 @@
-"""CANaerospace node services (V1.7, 3.9): identification, time stamp, transmission intervals, the state on demand."""
+"""The topic CANaerospace node services (V1.7, 3.9): identification, time stamp, intervals, state on request."""
 
 from heronry_tools.sim.world.inspection.topic import MS, SHORT_MS, SLOW_MS, Topic, demand
 from heronry_tools.sim.world.sdo_talk import Talk
@@ -27,7 +27,7 @@ class NodeServices(Topic):
     """Requests services, and verifies the answers."""
 
     def node_services(self) -> Talk[None]:
-        """Every service that a PE has, requested rightly and wrongly."""
+        """Every service of a PE, with right and wrong requests."""
         yield from self._identification()
         stamp = request(Service.NSS, BROADCAST, data_type=DataType.ULONG, value=_STAMP)
         yield encode_service(stamp), ANSWERS, 20 * MS
@@ -60,7 +60,7 @@ class NodeServices(Topic):
             answer = _read_service((yield None, ANSWERS, 60 * MS))
         late_ns = self._clock.now_ns - begun_ns - (self._node - 92) * MS
         demand(answer is not None and 0 <= late_ns < 5 * MS, f"IDS to all is answered {late_ns} ns late: {answer}")
-        yield from self.wait(60)  # until the other nodes have answered
+        yield from self.wait(60)  # for the answers of the other nodes
 
     def _interval(self, identifier: int, time_ms: int, result: Result) -> Talk[None]:
         wanted = request(Service.TIS, self._node, data_type=DataType.SHORT2, value=(identifier, time_ms))
@@ -69,7 +69,7 @@ class NodeServices(Topic):
         demand(code == result.message_code, f"an interval of {time_ms} ms for {identifier} is answered with {code}")
 
     def _state_transmission(self) -> Talk[None]:
-        """STS: both pages at once, but not more often than once in a heartbeat period."""
+        """STS: the PE sends both pages at once, but only once in a heartbeat period."""
         period_ns = self._table.ports[self._table.uplink].heartbeat_ns
         yield from self.wait(2 * period_ns // MS)
         seen, begun_ns = len(self._heard.pages_0), self._clock.now_ns

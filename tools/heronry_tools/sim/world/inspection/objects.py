@@ -1,4 +1,4 @@
-"""The object dictionary of a PE: constants, values that change, long texts, and what may not be written."""
+"""The topic object dictionary: constants, changing values, long texts, and objects that must not be written."""
 
 from collections.abc import Callable, Mapping
 
@@ -45,7 +45,7 @@ class Objects(Topic):
         self._running = running
 
     def constants(self) -> Talk[None]:
-        """Constants, object by object: values, lengths, rights, and objects that must not exist."""
+        """Every constant has the right value, length and access rights; other objects do not exist."""
         for entry in OBJECTS:
             last = entry.most if entry.kind is Kind.ARRAY else len(entry.variables)
             every = (0,) if entry.kind in (Kind.VAR, Kind.DOMAIN) else range(last + 2)
@@ -74,7 +74,7 @@ class Objects(Topic):
             demand(fits, f"object {entry.index:04X}h, {sub_index} is {found!r}")
 
     def present_state(self, *, is_flying: bool) -> Talk[None]:
-        """Values that change must agree with the PE's state frames, the LEASE and the plan."""
+        """Changing values agree with the PE's state frames, the LEASE and the plan."""
         page, staged = self._heard.pages_0[-1][1], self._heard.pages_1[-1][1]
         told = (
             *(page.state, page.flags, page.incarnation, page.epoch, page.digest, None, staged.staged_epoch),
@@ -105,22 +105,22 @@ class Objects(Topic):
         yield from self.read(COUNTERS, 2, 0)
 
     def long_texts(self) -> Talk[None]:
-        """Long texts by segments and by blocks, with segments lost."""
+        """Long texts are read by segments and by blocks, also if segments are lost."""
         sdo, eds, table = self._sdo, eds_text().encode(), self._table.to_json().encode()
         yield from self.read(STORED_EDS, 0, eds)
         for size, lost in ((127, 0), (16, 3), (1, 0)):
             found = yield from sdo.upload_by_block(TABLE, 0, size, lost)
-            demand(found == table, f"by blocks of {size} its table is another one")
+            demand(found == table, f"its table read by blocks of {size} differs from its table")
         found = yield from sdo.upload_by_block(DEVICE_NAME, 0, 5)
-        demand(found == b"heronry PE", f"by block its name is {found!r}")
+        demand(found == b"heronry PE", f"its name read by block is {found!r}")
         for size in (0, 128):
             found = yield from sdo.upload_by_block(TABLE, 0, size)
-            demand(found is Abort.BLOCK_SIZE, f"a block of {size} segments is sent")
+            demand(found is Abort.BLOCK_SIZE, f"a block size of {size} segments is accepted")
         found = yield from sdo.upload_by_block(0x5000, 0, 5)
-        demand(found is Abort.NO_OBJECT, "there is an object 5000h")
+        demand(found is Abort.NO_OBJECT, "object 5000h exists")
 
     def refusals(self, *, is_flying: bool) -> Talk[None]:
-        """What may not be written at all, or not in this way, is refused with the right abort code."""
+        """A write that is not allowed, or not in this form, is refused with the right abort code."""
         wrong: tuple[tuple[int, int, bytes, Abort], ...] = (
             (DEVICE_NAME, 0, b"mine", Abort.READ_ONLY),
             (STATE, 1, b"\1", Abort.READ_ONLY),
@@ -135,7 +135,7 @@ class Objects(Topic):
         )
         for index, sub_index, data, reason in wrong:
             found = yield from self._sdo.download(index, sub_index, data)
-            demand(found is reason, f"writing to {index:04X}h, {sub_index}: {found}")
+            demand(found is reason, f"writing to {index:04X}h, {sub_index} is answered with {found}")
         found = yield from self._sdo.download_by_block(TABLE, 0, b"another table")
         demand(found is Abort.DEVICE_STATE, f"a table is accepted by block: {found}")
         found = yield from self._sdo.download(ERROR_HISTORY, 0, b"\0")
@@ -145,7 +145,7 @@ class Objects(Topic):
             yield from self._sdo.refused(huge, Abort.OUT_OF_MEMORY, TABLE)
 
     def own_table(self) -> Talk[None]:
-        """The PE accepts no table but its own, which may be written again in every way."""
+        """The PE accepts only its own table, which may be written again by every kind of transfer."""
         own, sdo = self._table.to_json().encode(), self._sdo
         for written in (own, b" " + own + b"\n"):
             found = yield from sdo.download(TABLE, 0, written)

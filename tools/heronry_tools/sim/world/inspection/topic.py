@@ -1,4 +1,4 @@
-"""What every topic of an inspection works with: the PE's table, what is heard of it, and a client for its objects."""
+"""The base of every topic of an inspection: the PE's table, what was heard of the PE, and an SDO client."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -18,7 +18,7 @@ BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # states that a h
 
 @dataclass(slots=True)
 class Heard:
-    """What was heard of the PE, and of its manager."""
+    """What was heard of a PE and of its manager."""
 
     heartbeats: list[tuple[int, int]] = field(default_factory=list)  # time in ns, and the state reported
     pages_0: list[tuple[int, StatePage0]] = field(default_factory=list)
@@ -27,7 +27,7 @@ class Heard:
 
 
 class Topic:
-    """One topic; its talks are generators, as those of `SdoTalk`."""
+    """One topic; its methods are generators, like those of `SdoTalk`."""
 
     def __init__(self, clock: Clock, table: PeTable, heard: Heard) -> None:
         self._clock, self._table, self._heard = clock, table, heard
@@ -35,19 +35,19 @@ class Topic:
         self._sdo = SdoTalk(table.node_id)
 
     def wait(self, ms: int) -> Talk[None]:
-        """Let time pass."""
+        """Let this time pass."""
         yield None, -1, ms * MS
 
     def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
-        """Read an object and demand this value; a number in as many bytes as the object has."""
+        """Read an object and demand a value; a number has as many bytes as the object."""
         found = yield from self._sdo.upload(index, sub_index)
         same = wanted == (
             int.from_bytes(found, "little") if isinstance(wanted, int) and isinstance(found, bytes) else found
         )
-        demand(same, f"object {index:04X}h, {sub_index} says {found!r} and not {wanted!r}")
+        demand(same, f"object {index:04X}h, {sub_index} reads {found!r}, not {wanted!r}")
 
     def beats_every(self, time_ms: int) -> Talk[None]:
-        """Demand that the heartbeat comes with this period from now on; at 0 never."""
+        """Demand that from now on the heartbeat comes with this period, or not at all if it is 0."""
         self._heard.heartbeats.clear()
         begun_ns = self._clock.now_ns
         yield from self.wait(4 * time_ms + 20 if time_ms < HEARTBEAT_MS else HEARTBEAT_MS + 20)
@@ -63,6 +63,6 @@ class Topic:
 
 
 def demand(holds: bool, story: str) -> None:
-    """End the inspection with this story unless something holds."""
+    """End the inspection with this story unless `holds`."""
     if not holds:
         raise WrongAnswerError(story)

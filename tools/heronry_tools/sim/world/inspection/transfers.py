@@ -1,4 +1,4 @@
-"""SDO transfers that go wrong: messages that are out of place, and transfers that the client does not continue."""
+"""The topic SDO errors: messages out of place, and transfers that the client does not continue."""
 
 from heronry_tools.sim.world.inspection.topic import MS, Topic, demand
 from heronry_tools.sim.world.sdo_talk import Talk
@@ -25,10 +25,10 @@ from heronry_wire.sdo import (
 
 
 class Transfers(Topic):
-    """Makes mistakes, and verifies that each is answered with the right abort code."""
+    """Makes mistakes, and verifies that each one is answered with the right abort code."""
 
     def mistakes(self) -> Talk[None]:
-        """A message that is out of place is refused, and ends the transfer that was under way."""
+        """A message out of place is refused, and ends the transfer that was under way."""
         sdo = self._sdo
         first, next_one = with_data(UPLOAD, STORED_EDS, 0), segment(SEGMENT_UPLOAD, b"")
         yield from sdo.refused(segment(SEGMENT_UPLOAD, b""), Abort.COMMAND)
@@ -46,21 +46,24 @@ class Transfers(Topic):
         yield from sdo.ask(first)
         yield from sdo.say(segment(ABORT, b""))
         yield from sdo.refused(next_one, Abort.COMMAND)
-        yield from sdo.say(b"\x40\x00\x10\x00\x00\x00\x00")  # seven bytes are no request
+        yield from sdo.say(b"\x40\x00\x10\x00\x00\x00\x00")  # a request must have eight bytes
         yield from sdo.ask(first)
         yield from self._given_up(STORED_EDS)
         yield from sdo.ask(with_data(BLOCK_UPLOAD | BLOCK_INITIATE, STORED_EDS, 0, b"\x05"))
         yield from self._given_up(STORED_EDS)
         half = with_data(DOWNLOAD | EXPEDITED, HEARTBEAT_TIME, 0, HEARTBEAT_MS.to_bytes(4, "little"))
-        answer = yield from sdo.ask(half)  # without its length: the object's own length counts
-        demand(answer == with_data(DOWNLOAD_ANSWER, HEARTBEAT_TIME, 0), f"a half of a word is answered with {answer!r}")
+        answer = yield from sdo.ask(half)  # without a length in the request, the object's length counts
+        demand(
+            answer == with_data(DOWNLOAD_ANSWER, HEARTBEAT_TIME, 0),
+            f"a write of half a word is answered with {answer!r}",
+        )
 
     def _given_up(self, index: int) -> Talk[None]:
-        """A transfer that the client does not continue is aborted by the server after a second."""
+        """The server aborts a transfer after a second if the client does not continue it."""
         answer = yield None, sdo_response_id(self._node), 900 * MS
-        demand(answer is None, "it does not wait for a second")
+        demand(answer is None, "the server does not wait for a second")
         answer = yield None, sdo_response_id(self._node), 110 * MS
         demand(
             answer == with_number(ABORT, index, 0, Abort.TIME_OUT.value),
-            f"a transfer is given up with {answer.hex(' ') if answer else answer}",
+            f"a transfer that is not continued is answered with {answer.hex(' ') if answer else answer}",
         )
