@@ -1,5 +1,6 @@
-"""The commands of docs/desk.md: in long runs as the page has them, on a vcan, in every run on a software bus in its place;
-and the files for a node's computer.
+"""The commands of docs/desk.md, and the files for a node's computer.
+
+In long runs the commands are run as the page has them, on a vcan; in every run, on a software bus in its place.
 """
 
 import configparser
