@@ -34,8 +34,8 @@ demo: .venv/ready-to-run
 # goes wrong prints the command that replays it. `test` and `soak` do all of this; `test` runs the long tests
 # (tests/thoroughness.py) in part, `soak` completely.
 test: BUT := and not soak
-test: FLIGHTS := 40
-test: FLIGHTS_OF_BIG_BLUE := 8
+test: FLIGHTS := 7
+test: FLIGHTS_OF_BIG_BLUE := 3
 soak: FLIGHTS := 500
 soak: FLIGHTS_OF_BIG_BLUE := 100
 soak coverage: export HERONRY_SOAK := 1

@@ -164,7 +164,7 @@ def _reason(frame: Frame) -> Reason:
     return page.reason
 
 
-@on_every_bus
+@mostly_on_softbus
 def test_after_a_pause_old_frames_are_not_taken_as_new(ground: Ground) -> None:
     agent = ground.start()
     ground.hear_page_0()
@@ -191,7 +191,7 @@ def test_after_a_pause_old_frames_are_not_taken_as_new(ground: Ground) -> None:
     ground.hear(lambda frame: frame.can_id == DEMAND_ID)
 
 
-@on_every_bus
+@mostly_on_softbus
 def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
     ground.start()
     ground.hear_page_0()

@@ -28,6 +28,7 @@ from live.test_agent_process import PATIENCE_S, Ground
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0 or shutil.which("ip") is None, reason="it needs root and ip(8)")
 ON_VCAN = [pytest.mark.vcan, needs_root]
+LONG_ON_VCAN = [*ON_VCAN, pytest.mark.soak]
 
 
 def ip(*words: str) -> None:
@@ -109,7 +110,7 @@ def ground(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ground]:
     [
         pytest.param("softbus", end_the_hub, start_the_hub, "start one with", marks=pytest.mark.live, id="hub"),
         pytest.param("socketcan", take_it_down, bring_it_up, "the interface is down", marks=ON_VCAN, id="down"),
-        pytest.param("socketcan", unplug_it, plug_it_in, "the interface is down", marks=ON_VCAN, id="unplugged"),
+        pytest.param("socketcan", unplug_it, plug_it_in, "the interface is down", marks=LONG_ON_VCAN, id="unplugged"),
     ],
     indirect=["ground"],
 )
@@ -169,10 +170,10 @@ def test_a_flood_of_frames_that_it_must_read_stops_no_heartbeat(ground: Ground) 
     assert "lost" not in agent.end()
 
 
-@pytest.mark.parametrize("ground", [pytest.param("socketcan", marks=ON_VCAN)], indirect=True)
+@pytest.mark.parametrize("ground", [pytest.param("socketcan", marks=LONG_ON_VCAN)], indirect=True)
 @pytest.mark.skipif(shutil.which("tc") is None, reason="it needs tc(8)")
 def test_a_queue_that_takes_nothing_is_waited_out(ground: Ground) -> None:
-    """A queue of length 0 answers every frame with ENOBUFS."""
+    """A queue of length 0 answers every frame with ENOBUFS. In every run the adapter that stalls does."""
     agent = Log(ground)
     before = ground.hear_page_0()
     subprocess.run(["tc", "qdisc", "replace", "dev", "vcan0", "root", "pfifo", "limit", "0"], check=True)

@@ -137,6 +137,7 @@ class Flight:
 
 on_vcan = [
     pytest.mark.vcan,
+    pytest.mark.soak,  # a minute; test_lost_bus.py takes an interface down in every run
     pytest.mark.skipif(os.geteuid() != 0 or shutil.which("ip") is None, reason="it needs root and ip(8)"),
 ]
 

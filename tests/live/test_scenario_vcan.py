@@ -1,6 +1,7 @@
 """A scenario file that the simulator and a software bus fly too, flown by real processes on a SocketCAN vcan0.
 
 A user-mode Linux, on which this mostly runs, is slow (`test_demo_vcan`): so are the heartbeats and rates of its spec.
+It is for long runs: in every run the demo shows that processes fly on a vcan, and scenarios on a software bus do.
 """
 
 import json
@@ -12,7 +13,7 @@ import pytest
 
 from live.slow_spec import SLOW_SCENARIO
 
-pytestmark = pytest.mark.vcan
+pytestmark = [pytest.mark.vcan, pytest.mark.soak]
 
 
 def test_a_scenario_file_flies_on_vcan() -> None:

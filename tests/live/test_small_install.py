@@ -22,7 +22,8 @@ from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import state_id
 from heronry_wire.pe_table import PeTable
 
-pytestmark = [pytest.mark.live, pytest.mark.xdist_group("installs")]  # the wheel is built once
+pytestmark = pytest.mark.live
+on_the_wheel = pytest.mark.xdist_group("wheel")  # it is built once
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
@@ -247,6 +248,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+@on_the_wheel
 def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
@@ -277,6 +279,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@on_the_wheel
 def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:
     hidden = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=str(installed)), str(installed))
     find = "from heronry_dg.shipped import shipped_spec_path; print(shipped_spec_path('big_blue'))"

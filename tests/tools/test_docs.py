@@ -78,7 +78,9 @@ RULES = [
     Rule(r"heronry scenario\b.*", How.RUN),
     Rule(r"heronry sim .*--compiled.*", How.EXEMPT, "the first time it compiles for minutes"),
     Rule(r"heronry sim (big_blue|elevator_and_chute --runs 3 .*)", How.RUN, is_long=True),
-    Rule(r"heronry (plan|verify|table|dbc|eds|sim|check|render|diff)\b.*", How.RUN),
+    Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
+    Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
+    Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key", How.RUN),
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),
@@ -316,8 +318,8 @@ def test_command_lines_are_found_where_readers_see_them(text: str, lines: list[s
         "pe-agent --table missing.table -i socketcan -c can0",
     ],
 )
-def test_a_command_line_that_cannot_run_is_found_out(text: str, workspace: Path) -> None:
-    assert outcome(text, workspace) is not None
+def test_a_command_line_that_cannot_run_is_found_out(text: str, tmp_path: Path) -> None:
+    assert outcome(text, tmp_path) is not None
 
 
 @pytest.mark.parametrize(
@@ -328,12 +330,12 @@ def test_a_command_line_that_cannot_run_is_found_out(text: str, workspace: Path)
         "heronry table elevator_and_chute tail_pe -o tail.table && pe-agent --table tail.table -i socketcan -c can0",
     ],
 )
-def test_a_command_line_that_can_run_is_let_pass(text: str, workspace: Path) -> None:
-    assert outcome(text, workspace) is None
+def test_a_command_line_that_can_run_is_let_pass(text: str, tmp_path: Path) -> None:
+    assert outcome(text, tmp_path) is None
 
 
-def outcome(text: str, workspace: Path) -> str | None:
-    (workspace / "some.md").write_text(f"```sh\n{text}\n```\n")
-    (line,) = command_lines(workspace / "some.md")
+def outcome(text: str, folder: Path) -> str | None:
+    (folder / "some.md").write_text(f"```sh\n{text}\n```\n")
+    (line,) = command_lines(folder / "some.md")
     assert line.rule is not None
-    return tried(line, line.rule, workspace)
+    return tried(line, line.rule, folder)
