@@ -34,7 +34,7 @@ _SPECS: list[Spec] = []  # the one spec of a worker process
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
     """Fly on `jobs` processors, at most one per flight, each flight by `fly`; yields the results in order.
 
-    Flights that the caller no longer waits for are stopped. SIGTERM then ends the program as Ctrl-C does, with 143.
+    Flights that the caller no longer waits for are stopped.
     Raises UserError where a worker process has died.
     """
     jobs = min(jobs, len(flights))

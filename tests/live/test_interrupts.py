@@ -1,0 +1,134 @@
+"""A command that is interrupted ends with the signal's exit code: no result, no traceback, nothing left running.
+
+The signal comes at a moment that is drawn anew in each run, and goes to the whole process group, as a terminal sends
+Ctrl-C. A command that has ended by then has ended well, and the test says nothing about it.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tests.thoroughness import IS_WHOLE
+
+pytestmark = pytest.mark.live
+
+LATEST_S = 2.5  # big_blue's contingencies take longer, and so does everything that flies
+MOMENTS = 10 if IS_WHOLE else 1
+SOON_S = 20.0  # nothing is timed here: -rP shows the time that it took
+COMMANDS = {
+    "plan": "plan big_blue --down pe:flight --json",
+    "contingencies": "contingencies big_blue -o made.contingencies",
+    "contingencies in processes": "contingencies big_blue --jobs 2 -o made.contingencies",
+    "bound": "bound big_blue --decide",
+    "campaign": "campaign big_blue --faults 1",
+    "cutsets": "cutsets big_blue elevator",
+    "why": "why big_blue guidance --down device:gps --phase glide",
+    "check": "check big_blue elevator_and_chute",
+    "diff": "diff big_blue elevator_and_chute",
+    "bus": "bus big_blue",
+    "render": "render big_blue -o graph.svg",
+    "dbc": "dbc big_blue -o big_blue.dbc",
+    "table": "table big_blue nav -o nav.table",
+    "sim": "sim big_blue --runs 4 --seconds 20",
+    "sim in processes": "sim big_blue --runs 8 --seconds 20 --jobs 2",
+    "exhaust": "exhaust elevator_and_chute --sample 200 --jobs 2",
+    "scenario": "scenario kill.scenario",
+    "demo": "demo elevator_and_chute --for 20",
+    "doctor": "doctor",
+}
+RESULTS = ("made.contingencies", "graph.svg", "big_blue.dbc", "nav.table")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "kill.scenario").write_text("spec big_blue\nseed 7\nat 2.0s kill pe:flight\nend 30s\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("moment", range(MOMENTS))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_interrupted_command_has_no_result(command: str, moment: int, folder: Path) -> None:
+    number = random.choice((signal.SIGINT, signal.SIGINT, signal.SIGTERM))
+    after_s = random.uniform(0.1, LATEST_S)
+    process = started(COMMANDS[command].split(), folder)
+    time.sleep(after_s)
+    results_before = [name for name in RESULTS if (folder / name).exists()]
+    had_ended = process.poll() is not None
+    if not had_ended:
+        os.killpg(process.pid, number)
+    sent_at = time.monotonic()
+    _, told = process.communicate(timeout=SOON_S)
+    print(f"{command}: at {after_s:.2f} s {number.name}, ended {(time.monotonic() - sent_at) * 1e3:.0f} ms later")
+    assert "Traceback" not in told, told
+    assert process.returncode == 128 + number or had_ended, (process.returncode, after_s, told)
+    assert soon(lambda: not list(left_in_session(process.pid))), list(left_in_session(process.pid))
+    if not had_ended:
+        assert [name for name in RESULTS if (folder / name).exists()] == results_before
+        assert not list(folder.glob("*.new"))
+
+
+def test_a_search_that_is_interrupted_gives_no_worse_plan(folder: Path) -> None:
+    """CP-SAT has a handler of its own, which would end the search and give the best so far as the answer."""
+    for after_s in (0.8, 1.0, 1.2) if not IS_WHOLE else [0.4 + 0.1 * step for step in range(15)]:
+        process = started(["contingencies", "big_blue", "--jobs", "1", "-o", "made.contingencies"], folder)
+        time.sleep(after_s)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=SOON_S)
+        assert process.returncode == 130, told
+        assert not (folder / "made.contingencies").exists()
+
+
+@pytest.mark.parametrize("command", ["plan big_blue --json", "--help", "rules", "bus big_blue"])
+def test_standard_output_that_is_closed_is_told_in_one_sentence(command: str) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m heronry_tools {command} >&-"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == "heronry: the output cannot be written: Bad file descriptor; make room, or write elsewhere\n"
+
+
+def test_a_file_is_written_where_standard_output_is_closed(folder: Path) -> None:
+    words = f"{sys.executable} -m heronry_tools dbc big_blue -o {folder / 'big_blue.dbc'} >&- 2>&- <&-"
+    assert subprocess.run(["sh", "-c", words], check=False).returncode == 0
+    assert "BO_ " in (folder / "big_blue.dbc").read_text()
+
+
+def started(words: list[str], folder: Path) -> "subprocess.Popen[str]":
+    """Start a command in a session of its own, with standard error in a pipe."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "XDG_STATE_HOME": str(folder / "state")}
+    return subprocess.Popen(
+        [sys.executable, "-m", "heronry_tools", *words],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def left_in_session(session: int) -> Iterator[str]:
+    """Command lines of the processes that a session still has."""
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and os.getsid(int(entry.name)) == session:
+                yield (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # it has ended
+
+
+def soon(condition: Callable[[], bool]) -> bool:
+    """Whether a condition becomes true within some seconds: a process that was killed is gone a little later."""
+    until = time.monotonic() + SOON_S
+    while not condition():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.02)
+    return True

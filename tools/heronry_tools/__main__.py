@@ -1,0 +1,21 @@
+"""`python -m heronry_tools` is `heronry`: interruptions are handled before anything slow is imported."""
+
+import sys
+
+from heronry_wire import interruption
+
+
+def main() -> int:
+    """Run the command line of this process; returns the exit code."""
+    interruption.begin()
+    from heronry_tools.cli import main as command_line  # noqa: PLC0415 - after `begin`
+
+    interruption.running()
+    try:
+        return command_line()
+    finally:
+        interruption.finished()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
