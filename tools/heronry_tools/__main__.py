@@ -10,9 +10,11 @@ def main() -> int:
     interruption.begin()
     from heronry_tools.cli import main as command_line  # noqa: PLC0415 - after `begin`
 
-    interruption.running()
     try:
+        interruption.running()
         return command_line()
+    except KeyboardInterrupt:  # before or after the command itself
+        return interruption.came()
     finally:
         interruption.finished()
 
