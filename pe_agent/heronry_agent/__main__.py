@@ -1,7 +1,17 @@
-"""`python -m heronry_agent` is `pe-agent`."""
+"""`python -m heronry_agent` is `pe-agent`: interruptions are handled before anything slow is imported."""
 
 import sys
 
-from heronry_agent.shell.cli import main
+from heronry_wire import interruption
 
-sys.exit(main())
+
+def main() -> int:
+    """Run the agent of this process; returns the exit code."""
+    interruption.begin()
+    from heronry_agent.shell.cli import main as command_line  # noqa: PLC0415 - after `begin`
+
+    return command_line()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -34,7 +34,7 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path, capsys: pytest.Capt
     undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
     assert main(["contingencies", *SCOPE, "-o", str(undisturbed), "--jobs", "2"]) == 0
     partial = Path(f"{killed}.partial")
-    command = [sys.executable, "-m", "heronry_tools.cli", "contingencies", *SCOPE, "-o", str(killed), "--jobs", "2"]
+    command = [sys.executable, "-m", "heronry_tools", "contingencies", *SCOPE, "-o", str(killed), "--jobs", "2"]
     with subprocess.Popen(command, start_new_session=True) as process:
         while whole_lines(partial) < 3:  # the head and two answers
             assert process.poll() is None, "it ended before it could be killed"
@@ -99,6 +99,6 @@ def test_a_manager_flies_on_plans_made_ahead(tmp_path: Path) -> None:
     file = tmp_path / "chute.contingencies"
     assert main(["contingencies", "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1"]) == 0
     demo = ["demo", "elevator_and_chute", "--contingencies", str(file), "--kill", "pe:tail_pe@0.5", "--for", "4"]
-    command = [sys.executable, "-m", "heronry_tools.cli", *demo]
+    command = [sys.executable, "-m", "heronry_tools", *demo]
     shown = subprocess.run(command, check=True, capture_output=True, text=True)
     assert "heard on the bus at the end: parachute\n" in shown.stdout

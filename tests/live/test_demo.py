@@ -24,7 +24,7 @@ pytestmark = pytest.mark.live
 BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
 PES = list(load(BIG_BLUE).pes)
 TRIPLEX = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that a slow computer keeps up with it
-HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+HERONRY = [sys.executable, "-m", "heronry_tools"]
 
 
 def demo(*arguments: str) -> subprocess.CompletedProcess[str]:

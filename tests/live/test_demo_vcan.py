@@ -165,7 +165,7 @@ def fly(show: Show, folder: Path, patience: int) -> Flight:
         rest += ["--contingencies", "none"]  # so that slices are sent
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
-            [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *faults, *rest],
+            [sys.executable, "-m", "heronry_tools", "demo", str(file), *bus, *faults, *rest],
             env={**os.environ, "TMPDIR": str(home)},
             capture_output=True,
             text=True,

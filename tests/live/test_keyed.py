@@ -17,7 +17,7 @@ from heronry_wire.key_file import make_key
 
 pytestmark = pytest.mark.live
 PATIENCE_S = 120
-HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+HERONRY = [sys.executable, "-m", "heronry_tools"]
 PES = ("sensor_pe", "control_pe", "tail_pe")
 TAIL_NODE = 94
 SHOW = ("--kill", "manager@1", "--kill", "pe:sensor_pe@5", "--restore", "pe:sensor_pe@7", "--for", "13")

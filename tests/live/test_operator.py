@@ -12,7 +12,7 @@ import pytest
 from heronry_dg.shipped import shipped_spec_path
 
 pytestmark = pytest.mark.live
-HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+HERONRY = [sys.executable, "-m", "heronry_tools"]
 PHASES = "phases: {climb: {}, land: {}}\n"
 
 

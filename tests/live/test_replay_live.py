@@ -11,7 +11,7 @@ import yaml
 from heronry_dg.shipped import shipped_spec_path
 
 pytestmark = pytest.mark.live
-HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+HERONRY = [sys.executable, "-m", "heronry_tools"]
 
 
 def test_a_recorded_demo_is_decided_again_as_it_was(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from thoroughness import mostly_soak
 
 pytestmark = pytest.mark.live
 SCENARIOS = Path("tests/scenarios")
-HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+HERONRY = [sys.executable, "-m", "heronry_tools"]
 
 
 def scenario(*arguments: str) -> subprocess.CompletedProcess[str]:

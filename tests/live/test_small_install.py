@@ -134,9 +134,7 @@ def test_an_agent_without_devices_and_with_images_of_its_own_loads_no_simulation
 def test_the_doctor_of_a_small_install_says_what_it_cannot_ask(small: dict[str, str], tmp_path: Path) -> None:
     table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
     with agent_on_a_bus(tmp_path, small, table) as (bus, _):
-        done = run(
-            "-m", "heronry_tools.cli", "doctor", "-i", "softbus", "-c", bus, "--seconds", "1", "--json", env=small
-        )
+        done = run("-m", "heronry_tools", "doctor", "-i", "softbus", "-c", bus, "--seconds", "1", "--json", env=small)
     assert (done.returncode, done.stderr) == (1, "")
     told = {one["check"]: one for one in json.loads(done.stdout)["findings"]}
     assert told["versions"]["ok"]
@@ -151,7 +149,7 @@ def test_the_doctor_of_a_small_install_says_what_it_cannot_ask(small: dict[str, 
 def test_send_table_says_before_it_plans_that_it_needs_canopen(tmp_path: Path) -> None:
     without = environment(tmp_path, _WITHOUT.format(modules=("canopen",), rooms=()), os.environ.get("PYTHONPATH", ""))
     done = run(
-        *("-m", "heronry_tools.cli", "send-table", "big_blue", "nav", "-i", "softbus", "-c", "/no/such.sock"),
+        *("-m", "heronry_tools", "send-table", "big_blue", "nav", "-i", "softbus", "-c", "/no/such.sock"),
         env=without,
     )
     assert (done.returncode, done.stdout) == (2, "")
@@ -163,7 +161,7 @@ def test_the_doctor_looks_at_a_small_install(small: dict[str, str], tmp_path: Pa
     table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
     with start_hub(tmp_path / "can0.sock") as hub:
         words = ["doctor", str(table), "-i", "softbus", "-c", str(hub.path), "--seconds", "0.1", "--json"]
-        done = run("-m", "heronry_tools.cli", *words, env=small)
+        done = run("-m", "heronry_tools", *words, env=small)
     assert (done.returncode, done.stderr) == (1, "")  # no other node is there
     assert {"versions", "bus", "manager", "nodes"} <= {one["check"] for one in json.loads(done.stdout)["findings"]}
 
@@ -198,7 +196,7 @@ def test_the_help_of_every_command_needs_no_extra(small: dict[str, str]) -> None
     ids=lambda arguments: arguments[0],
 )
 def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], arguments: list[str]) -> None:
-    done = run("-m", "heronry_tools.cli", *arguments, env=small)
+    done = run("-m", "heronry_tools", *arguments, env=small)
     assert done.returncode == 2
     assert done.stdout == ""
     (sentence,) = done.stderr.splitlines()
@@ -209,7 +207,7 @@ def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], argume
 def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> None:
     """It has what `heronry check --fast` needs; here it gets as far as to its bus."""
     without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
-    done = run("-m", "heronry_tools.cli", "manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock", env=without)
+    done = run("-m", "heronry_tools", "manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock", env=without)
     said, failed = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (2, "")
     assert said == (
@@ -221,7 +219,7 @@ def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> Non
 
 def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
     without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
-    done = run("-m", "heronry_tools.cli", "demo", "elevator_and_chute", *_SHORT, env=without)
+    done = run("-m", "heronry_tools", "demo", "elevator_and_chute", *_SHORT, env=without)
     assert done.returncode == 0, done.stderr
     events = [json.loads(line) for line in done.stdout.splitlines()]
     plans = [event["plan"] for event in events if event["event"] == "plan_ready"]
@@ -231,7 +229,7 @@ def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
 
 
 def test_what_needs_the_watch_extra_says_how_to_get_it(small: dict[str, str]) -> None:
-    done = run("-m", "heronry_tools.cli", "dbc", env=small)
+    done = run("-m", "heronry_tools", "dbc", env=small)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == 'heronry: cantools is not installed; add it with: pip install "heronry[watch]"\n'
 
@@ -285,10 +283,10 @@ def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path
     find = "from heronry_dg.shipped import shipped_spec_path; print(shipped_spec_path('big_blue'))"
     found = run("-P", "-c", find, env=hidden, cwd=tmp_path)
     assert found.stdout.strip() == str(installed / "heronry_dg" / "specs" / "big_blue.dg.yaml")
-    planned = run("-m", "heronry_tools.cli", "plan", "elevator_and_chute", "--json", env=hidden, cwd=tmp_path)
+    planned = run("-m", "heronry_tools", "plan", "elevator_and_chute", "--json", env=hidden, cwd=tmp_path)
     assert planned.returncode == 0, planned.stderr
     (tmp_path / "plan.json").write_text(planned.stdout)
-    assessed = run("-m", "heronry_tools.cli", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
+    assessed = run("-m", "heronry_tools", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
     assert (assessed.returncode, assessed.stdout) == (0, "legal: no rule is broken\n")
     nowhere = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=""))
     assert "No module named 'heronry_dg" in run("-P", "-c", find, env=nowhere, cwd=tmp_path).stderr

@@ -194,7 +194,7 @@ def test_a_report_can_be_written_to_a_file(capsys: pytest.CaptureFixture[str], w
 def test_colours_are_for_terminals(write: Write, variables: dict[str, str], coloured: bool) -> None:
     ours, theirs = pty.openpty()
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"} | variables
-    command = [sys.executable, "-m", "heronry_tools.cli", "check", "--fast", write(MISSPELT)]
+    command = [sys.executable, "-m", "heronry_tools", "check", "--fast", write(MISSPELT)]
     subprocess.run(command, stdout=theirs, env=environment, check=False)
     os.close(theirs)
     shown = os.read(ours, 10_000)

@@ -55,7 +55,7 @@ def test_a_compiled_part_is_taken_from_the_folder_beside_python(tmp_path: Path) 
 @needs_compiler
 @pytest.mark.soak  # everything is compiled: two minutes
 def test_a_flight_in_machine_code_has_the_same_frames() -> None:
-    flight = ("-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--seed", "3", "--seconds", "3", "--json")
+    flight = ("-m", "heronry_tools", "sim", "elevator_and_chute", "--seed", "3", "--seconds", "3", "--json")
     python, compiled = (flown([*flight, *more]) for more in ((), ("--compiled",)))
     assert digests(python) == digests(compiled) != []
 
@@ -105,7 +105,7 @@ def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path, monkeypatch:
 def test_a_folder_that_does_not_come_first_is_reported_and_not_tried_again(cache: Path) -> None:
     folder = compiled_folder()
     folder.mkdir(parents=True)  # holds nothing, so Python finds other sources
-    done = told(folder, "-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--compiled")
+    done = told(folder, "-m", "heronry_tools", "sim", "elevator_and_chute", "--compiled")
     assert done.returncode == 2
     assert f"other sources of heronry come before {folder}" in done.stderr
 
@@ -113,7 +113,7 @@ def test_a_folder_that_does_not_come_first_is_reported_and_not_tried_again(cache
 def test_a_process_goes_on_in_the_folder_that_is_there(cache: Path) -> None:
     compiled_folder().mkdir(parents=True)
     done = subprocess.run(
-        [sys.executable, "-m", "heronry_tools.cli", "exhaust", "big_blue", "--compiled"],
+        [sys.executable, "-m", "heronry_tools", "exhaust", "big_blue", "--compiled"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert "other sources of heronry come before" in done.stderr

@@ -264,7 +264,7 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
 ) -> None:
     words, there, end, number = ending
     with subprocess.Popen(
-        [sys.executable, "-m", "heronry_tools.cli", *words.split(), "--jobs", "2"],
+        [sys.executable, "-m", "heronry_tools", *words.split(), "--jobs", "2"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

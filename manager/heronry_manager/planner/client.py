@@ -227,6 +227,7 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(spec_fd,),
+            process_group=0,  # Ctrl-C in a terminal is for the manager, which ends this process
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None

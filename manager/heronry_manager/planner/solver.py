@@ -48,6 +48,7 @@ def light_solver(effort: float) -> CpSolver:
     """Set up a search with little presolve. `effort`: its limit, in deterministic time."""
     solver = CpSolver()
     solver.parameters.num_workers = 1
+    solver.parameters.catch_sigint_signal = False  # it would end the search, and give a worse plan as the best one
     solver.parameters.random_seed = 0
     solver.parameters.max_deterministic_time = effort
     solver.parameters.absolute_gap_limit = 0.0  # a gap is computed in floating point; merged levels outgrow it

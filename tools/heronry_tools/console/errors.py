@@ -6,6 +6,7 @@ from collections.abc import Callable
 from io import StringIO
 from typing import Final
 
+from heronry_wire import interruption
 from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
@@ -22,6 +23,7 @@ _NO_MORE: Final = {
     errno.EDQUOT,
     errno.EFBIG,
     errno.EIO,
+    errno.EBADF,  # standard output was closed by the caller
 }  # the error number of a failed write, which names no file
 
 
@@ -30,19 +32,23 @@ class UserError(HeronryError):
 
 
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
-    """Run a program; returns its exit code.
+    """Run a program and return its exit code.
 
-    2 stands for an error that the user can fix (one sentence on stderr), 130 for Ctrl-C, 141 for a closed pipe.
+    An error that the user can correct gives a sentence on stderr and 2, a closed pipe 141, a signal 128 + its number
+    (Ctrl-C: 130), whatever else happened after the signal.
     """
     try:
-        code = program() or 0
-        sys.stdout.flush()  # here, where a failure can still be reported
+        code = _flushed(program)
+        interruption.expect_none()
     except KeyboardInterrupt:
-        return 130
+        _drop_output()
+        return interruption.came() or 130
     except BrokenPipeError:
         _drop_output()
         return 141
     except Exception as error:
+        if interruption.came():  # an import that is interrupted may raise an ImportError instead
+            return interruption.came()
         known = as_user_error(error, command)
         if known is None:
             raise
@@ -50,6 +56,14 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
         print(f"{name}: {known}", file=sys.stderr)
         return 2
     return code
+
+
+def _flushed(program: Callable[[], int | None]) -> int:
+    """Flush standard output where a failure can still be reported, after --help too."""
+    try:
+        return program() or 0
+    finally:
+        sys.stdout.flush()
 
 
 def _drop_output() -> None:

@@ -1,6 +1,6 @@
 """Worker processes that simulate or plan for this one; they end together, immediately and without output.
 
-Ctrl-C, which a terminal sends to all of them, and SIGTERM are for this process. The workers take neither signal, from
+Ctrl-C, which a terminal sends to all of them, SIGTERM and SIGHUP are for this process. The workers take none, from
 their first instruction on: this process blocks the signals while it starts a worker, and the worker inherits that mask.
 (A handler would come too late: seconds of imports precede it.) The workers are killed, since they keep nothing that
 must be cleaned up, and they end by themselves when this process is gone. They start afresh (spawn), since a solver that
@@ -16,16 +16,13 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, connection, get_context, parent_process
 from threading import Thread
-from types import FrameType
-from typing import NoReturn, TypeVar
+from typing import TypeVar
 
 from heronry_tools.console.errors import UserError
+from heronry_wire.interruption import NUMBERS
 
 T = TypeVar("T")
 R = TypeVar("R")
-
-_ENDS = (signal.SIGINT, signal.SIGTERM)
-_TERMINATED = 128 + signal.SIGTERM
 
 
 @contextmanager
@@ -35,7 +32,6 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
     The first task, which starts the workers, is submitted while signals are `held_back`.
     """
     others = {child.pid for child in active_children()}
-    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         with ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, beginning)) as executor:
             try:
@@ -46,17 +42,15 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
                 raise
     except BrokenProcessPool:
         raise UserError("a worker process of this command has ended or was killed; repeat the command") from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Block SIGINT and SIGTERM, also in processes started meanwhile; pending signals are delivered afterwards."""
+    """Block the signals that end a command, also in processes started meanwhile; deliver one that came afterwards."""
     came: list[int] = []
-    handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in _ENDS}
+    handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in NUMBERS}
     # This mask is inherited; a thread of a library may take a signal all the same.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, NUMBERS)
     try:
         yield
     finally:
@@ -75,10 +69,6 @@ def in_order(tasks: deque[Future[R]]) -> Iterator[R]:
     """
     while tasks:
         yield tasks.popleft().result()
-
-
-def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
-    raise SystemExit(_TERMINATED)
 
 
 def _kill_all_but(others: set[int | None]) -> None:

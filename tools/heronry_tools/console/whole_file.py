@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from heronry_tools.console.errors import UserError
+from heronry_wire import interruption
 
 
 def expect_writable(file: Path) -> None:
@@ -23,8 +24,10 @@ def expect_writable(file: Path) -> None:
 def write_whole(file: Path, data: bytes) -> None:
     """Write a file such that a reader, even after a crash, finds either all of the new content or the old file.
 
-    Raises UserError where the file cannot be written; then the old file stays.
+    Raises UserError where the file cannot be written, and `Interrupted` where the command was interrupted while it
+    computed the data; then the old file stays.
     """
+    interruption.expect_none()
     expect_writable(file)
     target = file.resolve()  # the target of a link is replaced, and the link stays
     draft = target.with_name(f"{target.name}.new")
@@ -34,6 +37,8 @@ def write_whole(file: Path, data: bytes) -> None:
             stream.flush()
             os.fsync(stream.fileno())
         draft.replace(target)
-    except OSError as error:
+    except BaseException as error:
         draft.unlink(missing_ok=True)
-        raise UserError(f"{file} cannot be written: {error.strerror}") from error
+        if isinstance(error, OSError):
+            raise UserError(f"{file} cannot be written: {error.strerror}") from error
+        raise

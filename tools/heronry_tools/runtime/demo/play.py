@@ -2,10 +2,8 @@
 
 import argparse
 import shutil
-import signal
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from types import FrameType
+from collections.abc import Mapping
+from contextlib import ExitStack
 
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
@@ -17,6 +15,7 @@ from heronry_tools.runtime.demo.buses import BusChoice, choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
+from heronry_wire import interruption
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
 from heronry_wire.link import Link
@@ -39,12 +38,12 @@ def play(arguments: argparse.Namespace) -> int:
         read_key(arguments.key)
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
-        stack.enter_context(_terminated_like_interrupted())
         folder = run_folder()
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         made = contingencies_of(spec, arguments.contingencies, lambda: _try_buses(choices))
         file = spec_path(arguments.spec)
+        stack.enter_context(interruption.in_order())  # each process is told to stop, which takes some hundred ms
         fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
         fleet.start_buses(choices)
         return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(actions, seconds, record)
@@ -65,17 +64,3 @@ def _try_buses(choices: Mapping[str, BusChoice]) -> None:
     for choice in choices.values():
         for config in () if choice.is_ours else choice.configs():
             Link(config).close()
-
-
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM end a demo as Ctrl-C does, with the clean-up."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -34,8 +34,7 @@ _SPECS: list[Spec] = []  # in a worker process: the one spec that it has loaded
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
     """Call `fly` for each flight on `jobs` processors, at most one per flight; yields the results in order.
 
-    Flights whose results the caller no longer waits for are stopped. SIGTERM then ends the program as Ctrl-C does, with
-    exit code 143. Raises UserError where a worker process has died.
+    Flights whose results the caller no longer waits for are stopped. Raises UserError where a worker process has died.
     """
     jobs = min(jobs, len(flights))
     if jobs <= 1:

@@ -1,0 +1,159 @@
+"""How a command ends when somebody interrupts it: SIGINT (Ctrl-C), SIGTERM, or SIGHUP (its terminal has closed).
+
+A command passes through these states; only the functions named here move it on.
+
+    unguarded --begin()--> loading --running()--> running --finished()--> finished
+                              |                      |                       |
+                            signal                 signal                  signal
+                              v                      v                       v
+                          ended at once      interrupted --0.3 s--> ended    ignored
+
+- *Loading*: nothing has been done, so nothing is to be cleaned up. The handler ends the process at once. An exception
+  would not do: code that runs during an import may swallow it, or turn it into an ImportError.
+- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. Python raises it
+  between two instructions, which never come while the main thread is in native code (CP-SAT searches for seconds), and
+  a callback of the interpreter may swallow it. Hence a second thread, which Python's own C handler wakes: after
+  `_PATIENCE_S` it kills the worker processes of `multiprocessing` and ends the process.
+- *Interrupted*: whatever the command does after that is no result. `expect_none` raises once more before a file is
+  written, and the exit code is that of the signal. A second signal ends the process at once.
+
+The exit code is 128 + the number of the signal: 130, 143, 129. A program that serves until it is stopped (the manager,
+an agent) installs handlers of its own, and the thread leaves such a signal alone. `in_order` does the same for a
+command whose clean-up takes longer. A signal that the parent process had ignored (`nohup`) stays ignored.
+
+What this does not reach: the first milliseconds of Python itself, before `begin`.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final, NoReturn
+
+NUMBERS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_PATIENCE_S: Final = 0.3
+
+
+class Interrupted(KeyboardInterrupt):
+    """Raised in the main thread by a signal; `exit_code` gives the command's exit code."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.exit_code = 128 + number
+
+
+class _State:
+    """Which signal came, or 0, and whether the command cleans up in an order that takes its time."""
+
+    came = 0
+    takes_time = False
+
+
+def begin() -> None:
+    """Take the signals, for a process that has nothing to clean up yet: each ends it at once."""
+    _open_standard_streams()
+    _handle(_end_at_once)
+
+
+def running() -> None:
+    """From now on raise `Interrupted`, and end the process where that has no effect."""
+    if not _handle(_interrupt):
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(reader,), daemon=True, name="interruption").start()
+    sys.unraisablehook = _report_unraisable
+
+
+def finished() -> None:
+    """The command has done its work: a signal that comes while Python ends changes nothing."""
+    if any(signal.getsignal(number) is _interrupt for number in NUMBERS):
+        _handle(_end_at_once if _State.came else signal.SIG_IGN)
+
+
+def came() -> int:
+    """Exit code of the signal that has interrupted this process; 0 where none has."""
+    return 128 + _State.came if _State.came else 0
+
+
+def expect_none() -> None:
+    """Raise `Interrupted` where a signal has come already: a result that came after it may be a worse one."""
+    if _State.came:
+        raise Interrupted(_State.came)
+
+
+@contextmanager
+def in_order() -> Iterator[None]:
+    """Let the first signal raise `Interrupted`, and let the clean-up take as long as it needs; a second one ends it."""
+    _State.takes_time = True
+    try:
+        yield
+    finally:
+        _State.takes_time = False
+
+
+def _handle(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> bool:
+    """Install a handler for each signal that is neither ignored nor somebody else's; tells whether there was one."""
+    ours = (signal.SIG_DFL, signal.default_int_handler, _end_at_once, _interrupt)
+    numbers = [number for number in NUMBERS if signal.getsignal(number) in ours]
+    for number in numbers:
+        signal.signal(number, handler)
+    return bool(numbers)
+
+
+def _end_at_once(number: int, _frame: FrameType | None) -> NoReturn:
+    _end(number)
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+    if _State.came:
+        _end(number)
+    _State.came = number
+    raise Interrupted(number)
+
+
+def _watch(reader: int) -> None:
+    """Wait for signals, which Python writes to the pipe as one byte each, whatever the main thread does."""
+    while True:
+        number = os.read(reader, 1)[0]
+        if number not in NUMBERS or signal.getsignal(number) is not _interrupt:
+            continue
+        threading.Event().wait(_PATIENCE_S)
+        if not _State.takes_time:
+            _end(number)
+
+
+def _end(number: int) -> NoReturn:
+    multiprocessing = sys.modules.get("multiprocessing")
+    if multiprocessing is not None:
+        for child in multiprocessing.active_children():
+            child.kill()
+    os._exit(128 + number)
+
+
+def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
+    """Python cannot raise in a callback: it would print a traceback, and go on. The thread ends the process."""
+    if not isinstance(unraisable.exc_value, Interrupted):
+        sys.__unraisablehook__(unraisable)
+
+
+def _open_standard_streams() -> None:
+    """Open what the caller has closed (`>&-`), so that no file takes its number, and writing there is an error."""
+    for number, flags in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, flags)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+    if sys.stdin is None:
+        sys.stdin = os.fdopen(0, closefd=False, encoding="utf-8")
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", closefd=False, encoding="utf-8")
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w", closefd=False, encoding="utf-8")
