@@ -86,7 +86,7 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Note that the second copy has come, and tell whether to take it: only if the first one was withheld."""
+        """Note that the second copy of a frame has come; tells whether to take it, because the first was withheld."""
         first = waiting.popleft()
         first.is_alone = False
         if not waiting:

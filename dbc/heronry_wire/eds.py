@@ -26,7 +26,7 @@ _BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, all of CiA 306: t
 
 
 def eds_text() -> str:
-    """Give the text of the whole file."""
+    """Give the text of the EDS."""
     return "\n".join(line for section in _sections() for line in section)
 
 

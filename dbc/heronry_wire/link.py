@@ -296,7 +296,7 @@ class Link:
     def departures_ns(self) -> list[int]:
         """Give, for each frame that has left since the last call, how long it was in the controller, in ns.
 
-        0: not known.
+        0 means that the time is not known.
         """
         departed = list(self._departed)
         self._departed.clear()

@@ -89,7 +89,7 @@ SECOND_DOCUMENT = FAMILY.stop(
     "DG011",
     "second-document",
     what="A second YAML document begins in the file.",
-    why="Many programs read the first one and skip the rest without a message.",
+    why="Many programs read the first document and skip the rest without a message.",
     fix="Write one file per spec, without `---` between parts.",
     bad="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n---\ndg: 1\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
