@@ -46,9 +46,7 @@ def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:
     )
     said = complaints(spec_text(variables="{»altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}"))
     (only,) = said
-    assert only.startswith(
-        "nothing uses 'altitde', and 3 times 'altitude' is used, which does not exist (rename it to"
-    )
+    assert only.startswith("nothing uses 'altitde', and 3 times 'altitude' is used, which does not exist (rename it to")
 
 
 def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
