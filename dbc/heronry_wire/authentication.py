@@ -16,8 +16,8 @@ one node has the key. What a tag covers beside the bytes of the frame:
               waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
 
 A table that goes to a PE over the bus is *sealed* with all 32 bytes, which stand behind it: it is long, and decides
-which code runs. The text names the node and the spec, and holds no nonce: whoever recorded a sealed table can send it
-again, but only to that node, and only while the node is unlocked and waits for a table.
+which code runs. The text names the node and the spec, and holds no nonce: a recorded table can be sent again, but only
+to that node, and only while the node is unlocked and waits for a table.
 
 So a copied command or state is not valid a second time, at another place in the sequence, in the other direction, or
 from another node.
