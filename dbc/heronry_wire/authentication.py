@@ -8,17 +8,19 @@ kinds different. It comes with Python; nothing has to be installed on a node.
 One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
 one node has the key. What a tag covers beside the bytes of the frame:
 
-    command   manager, kind of the command, term, number of the command in that term; of a WELCOME the nonce it answers
-    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of what the PE
-              runs (page 0) or has staged (page 1), whose place in the frame the tag takes. Page 0: the number of pages
-              0 since then, and, with FAULT_PENDING, one EMCY that waits to be acknowledged: an EMCY has no room for a
-              tag, so a state proves it
+    command   manager, kind of the command, term, number of the command in that term; in a WELCOME also the nonce it
+              answers
+    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of the
+              configuration that the PE runs (page 0) or has staged (page 1): the tag takes the place of that digest in
+              the frame. On page 0 also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that
+              waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
 
 A table that goes to a PE over the bus is *sealed* with all 32 bytes, which stand behind it: it is long, and decides
-which code runs. The text names node and spec, and nothing in it is fresh: a table that was sent once may be sent
-again, to that node, while it is unlocked and waits.
+which code runs. The text names the node and the spec, and holds no nonce: a recorded table can be sent again, but only
+to that node, and only while the node is unlocked and waits for a table.
 
-So no command or state is valid a second time, in another place, in the other direction, or of another node.
+So a copied command or state is not valid a second time, at another place in the sequence, in the other direction, or
+from another node.
 
 States: none. A key is never printed: its fingerprint tells two of them apart.
 """
@@ -35,7 +37,7 @@ SEAL_BYTES = 32
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
 BEAT_SPAN = 256  # page 0 shows its number modulo this
-PAGE_1_BEAT = 0  # pages 1 are not counted: the report of a page 1 on an epoch stays true in its session
+PAGE_1_BEAT = 0  # pages 1 are not counted: what a page 1 reports of an epoch stays true for the whole session
 NO_EMERGENCY = b""
 MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred in a second
 
@@ -65,7 +67,7 @@ class Key:
     def __init__(self, secret: bytes) -> None:
         """Take the secret; raises WireError where it does not have KEY_BYTES bytes."""
         if len(secret) != KEY_BYTES:
-            raise WireError(f"a key has {KEY_BYTES} bytes, this one has {len(secret)}: make one with 'heronry key'")
+            raise WireError(f"a key has {KEY_BYTES} bytes, not {len(secret)}: make a key with 'heronry key'")
         self._commands = blake2s(key=secret, digest_size=COMMAND_TAG_BYTES, person=b"hrn-cmd")
         self._states = blake2s(key=secret, digest_size=STATE_TAG_BYTES, person=b"hrn-stat")
         self._tables = blake2s(key=secret, digest_size=SEAL_BYTES, person=b"hrn-tabl")
@@ -87,8 +89,8 @@ class Key:
         """Tag of page 0 or 1 of a state: 24 bits.
 
         beat: number of this page 0 in its session; PAGE_1_BEAT of a page 1.
-        said: bytes of the page without the digest (`state_frames.split_state`).
-        emergency: all bytes of the EMCY that the page proves.
+        said: bytes of the page without its digest, as `state_frames.split_state` gives them.
+        emergency: all bytes of the EMCY that the tag authenticates along with the page.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))
@@ -98,11 +100,11 @@ class Key:
         return int.from_bytes(tag.digest(), "big")
 
     def sealed(self, table: bytes) -> bytes:
-        """Give the text of a table with its seal behind it, as a PE with this key takes it over the bus."""
+        """Give the text of a table followed by its seal; a PE with this key accepts that over the bus."""
         return table + self._seal(table)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Give the text of a table that was sealed with this key; None where the seal is not valid."""
+        """Give the text of a sealed table, without its seal; None where the seal was not made with this key."""
         table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
         return table if compare_digest(seal, self._seal(table)) else None
 
@@ -113,5 +115,5 @@ class Key:
 
 
 def next_number(after: int, low: int, span: int) -> int:
-    """First number above `after` that is `low` modulo `span`: the whole counter from its lowest bits."""
+    """Rebuild a counter from its lowest bits: the first number above `after` that is `low` modulo `span`."""
     return after + 1 + (low - after - 1) % span

@@ -1,8 +1,8 @@
 """Which python-can bus a command line names.
 
-python-can's own flags (`can.cli.add_bus_arguments`) name one bus; can.conf and CAN_* give what no flag gives.
-`--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may hold colons itself (a path, an address): only
-the name of an interface that python-can knows counts as one.
+python-can's own flags (`can.cli.add_bus_arguments`) name one bus; a value that no flag gives comes from can.conf or
+CAN_*. `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may itself contain colons (a path, an
+address): the text before a colon is an interface only if python-can knows an interface of that name.
 
 A replicated bus has two channels, named with a comma between them in every place that names a channel: `-c can0,can1`,
 `--bus main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c
@@ -33,7 +33,7 @@ def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:
 def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dict[str, tuple[str | None, str]]:
     """Read the values of `--bus`: bus -> (interface, channel); the interface is None where none is given.
 
-    `owner` has the `buses`, for the message. Raises BusArgumentError.
+    owner: the node whose `buses` these are, as the error message names it. Raises BusArgumentError.
     """
     named: dict[str, tuple[str | None, str]] = {}
     for text in texts:
@@ -62,7 +62,7 @@ def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[
 
 
 def channels_named(config: Mapping[str, Any]) -> int:
-    """Number of channels that are named, for a caller that does not know the number of the spec."""
+    """Number of channels that the configuration names, for a caller that has no spec to say how many there are."""
     return len(str(config.get("channel") or "").split(","))
 
 

@@ -4,8 +4,8 @@
                  earliest after TELL_AGAIN_NS, so that an intermittent error does not fill the log
     off the bus  since `off_since_ns`; an event whenever the reason changes
 
-The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames decide only that a
-controller is bus-off, which is its own report; a lost or doubled error frame changes a count at most.
+The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames only show that this
+node's own controller is bus-off; a lost or doubled error frame changes at most a count.
 """
 
 from collections import Counter
@@ -22,14 +22,14 @@ _STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termin
 
 
 class BusHealth:
-    """State of one bus, its counts, and its link status events."""
+    """Whether one bus can be used, its error counts, and its link status events."""
 
     def __init__(self, name: str) -> None:
-        """`name` is the name of the bus in the sentences."""
+        """name: the bus as the event sentences call it."""
         self.name = name
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()
-        self.reason = ""  # why it is, or was, off
+        self.reason = ""  # why the bus is, or was last, off
         self._link_events: list[str] = []
         self._told_ns: dict[str, int] = {}
 
@@ -39,7 +39,7 @@ class BusHealth:
         return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
-        """The bus cannot be used; called again for every failed try to open it."""
+        """Note that the bus cannot be used; the driver calls this again after every failed try to open the bus."""
         if self.off_since_ns is None:
             self.off_since_ns = now_ns
             self.counts["lost"] += 1
@@ -49,7 +49,7 @@ class BusHealth:
             self._link_events.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:
-        """The bus can be used again."""
+        """Note that the bus can be used again."""
         if self.off_since_ns is not None:
             seconds = (now_ns - self.off_since_ns) / _NS_PER_S
             self._link_events.append(f"{self.name} is back after {seconds:.1f} s")
@@ -64,11 +64,11 @@ class BusHealth:
             self._tell(_BAD[report.state], now_ns)
 
     def stuck(self, now_ns: int) -> None:
-        """No frame of this node has left for long."""
+        """Note that no frame of this node has left for `link.STUCK_NS`."""
         self._tell(_STUCK, now_ns)
 
     def overrun(self, frames: int, now_ns: int) -> None:
-        """Frames were lost because this process did not take them in time."""
+        """Note how many frames were lost because this process did not take them in time."""
         if frames:
             self.counts["frames not taken in time"] += frames
             self._tell("brings more frames than this computer takes: some are lost", now_ns)

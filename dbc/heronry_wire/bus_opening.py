@@ -1,7 +1,7 @@
 """Opens a bus with python-can: gives the bus with its file descriptor, or an error of one sentence.
 
-Any exception of a back-end becomes LinkError. A back-end without a file descriptor cannot be waited on together with
-others, and is refused; a socketcand has the descriptor of its connection.
+Any exception of a back-end becomes LinkError. A node waits on the file descriptors of all its buses at once, so a
+back-end without a descriptor is refused. For a socketcand the descriptor is that of its TCP connection.
 """
 
 import socket
@@ -17,7 +17,7 @@ from heronry_wire.python_can import sentence_of
 
 
 class LinkError(HeronryError):
-    """The bus cannot be used; the message is one sentence with a remedy where there is one."""
+    """A bus cannot be used; the message is one sentence, with a remedy where one is known."""
 
 
 class Opened(NamedTuple):
@@ -25,16 +25,16 @@ class Opened(NamedTuple):
 
     bus: can.BusABC
     fileno: int  # readable when a frame has come
-    connection: socket.socket | None = None  # may end without an exception
+    connection: socket.socket | None = None  # the server may close it without an exception here
 
 
 def bus_name(config: Mapping[str, Any]) -> str:
-    """Name of the bus of these keyword arguments of python-can, for sentences."""
+    """Name of a bus for messages, from python-can's keyword arguments."""
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
 def look_at_interface(config: Mapping[str, Any]) -> None:
-    """Restart a SocketCAN interface that is bus-off; raises LinkError for one that should not be used now."""
+    """Check a SocketCAN interface, and restart it if it is bus-off; raises LinkError if it should not be used now."""
     interface = config.get("channel") if config.get("interface") == "socketcan" else None
     reason = None if interface is None else obstacle(interface, config.get("bitrate"))
     if reason is not None:

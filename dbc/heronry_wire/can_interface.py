@@ -2,7 +2,7 @@
 
 The source is rtnetlink, which every user may read and CAP_NET_ADMIN may change (Linux, rtnetlink(7), linux/if_link.h,
 linux/can/netlink.h). It gives what `ip -details link show` prints, without that program. A vcan has no controller: its
-bit rate, state, restart time and counters are None. So are values that a driver does not give.
+bit rate, state, restart time and counters are None, as are values that a driver does not report.
 
 Down and up restarts a controller that is bus-off with every driver. IFLA_CAN_RESTART would disturb other programs on
 the interface less, but some drivers do not have it; and a bus-off interface is of no use to those programs either.
@@ -32,7 +32,7 @@ _BUFFER_BYTES = 32_768
 
 @dataclass(frozen=True, slots=True)
 class CanInterface:
-    """One interface; a value is None where this kind of interface, or its driver, does not have it."""
+    """Values of one interface; None where this kind of interface, or its driver, does not report a value."""
 
     name: str
     kind: str  # can, vcan, vxcan
@@ -66,7 +66,7 @@ def take_down_and_up(name: str) -> None:
 
 
 def obstacle(name: str, bitrate: int | None) -> str | None:
-    """Give why an interface should not be used now, None if it may be; restarts one that is bus-off."""
+    """Give the reason why an interface should not be used now, or None; restarts the interface if it is bus-off."""
     interface = read_interface(name)
     if interface is None or not interface.is_up:
         return None  # opening it gives the reason
@@ -74,7 +74,7 @@ def obstacle(name: str, bitrate: int | None) -> str | None:
         return _restarted(interface)
     if bitrate is not None and interface.bitrate not in (None, bitrate):
         mend = f"ip link set {name} down && ip link set {name} up type can bitrate {bitrate}"
-        return f"it runs at {interface.bitrate} bit/s, and this bus at {bitrate}: '{mend}'"
+        return f"the interface runs at {interface.bitrate} bit/s, and this bus at {bitrate}: '{mend}'"
     return None
 
 

@@ -14,8 +14,8 @@ frame looks like a true one (the data plane is not authenticated).
 
 The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines
 no code points. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its
-`Validity`. A few standard identifiers use byte 2 otherwise, as waypoint, tyre or brake number:
-`standard_identifiers` knows them.
+`Validity`. A few standard identifiers use byte 2 for a waypoint, tyre or brake number instead: `standard_identifiers`
+lists them.
 
 Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Its priority is not
 that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and a higher priority than
@@ -39,9 +39,9 @@ _CHANNEL_STEP = 65536
 class DataType(IntEnum):
     """The data types of [S p.5-7]; the value is the code in byte 1.
 
-    Natural values: None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other single ones
-    (B... types are bit fields: unsigned) and for each half of a DOUBLE; a tuple of int for the types of 2, 3
-    or 4; str of exactly that many characters for ACHAR.. (Latin-1, so that no byte is lost).
+    Natural values: None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other types of one value
+    (B... types are unsigned bit fields) and for each half of a DOUBLE; a tuple of int for the types of 2, 3 or 4
+    values; str of exactly that many characters for ACHAR.. (Latin-1, so that no byte is lost).
     """
 
     NODATA = 0
@@ -168,7 +168,7 @@ def unpack_status(service_code: int) -> Status | Malformed:
 
 
 def encode_data(can_id: int, datum: Datum, *, extended: bool = False) -> Frame:
-    """Give the frame; raises WireError when a field or the value is out of its range."""
+    """Encode a data frame; raises WireError where a field or the value is out of its range."""
     limit = EXTENDED_MASK if extended else STANDARD_MASK
     if not 0 <= can_id <= limit:
         raise WireError(f"identifier {can_id} is outside 0..{limit}")
@@ -215,7 +215,7 @@ def _takes(layout: struct.Struct) -> str:
 
 
 def decode_data(frame: Frame) -> Datum | Malformed:
-    """Read the header and the value of a frame with any identifier; never raises."""
+    """Decode the header and the value of a data frame, whatever its identifier; never raises."""
     data = frame.data
     if frame.remote or frame.error:
         return Malformed("not a data frame")
@@ -266,7 +266,7 @@ def split_double(value: float) -> tuple[int, int]:
 
 
 def join_double(high: int, low: int) -> float:
-    """Give back the double of a DOUBLEH and a DOUBLEL value; that they belong together is not checked."""
+    """Join the values of a DOUBLEH and a DOUBLEL frame to a double; the caller ensures that the two belong together."""
     value: float = struct.unpack(">d", struct.pack(">II", high, low))[0]
     return value
 
@@ -285,7 +285,7 @@ class Redundant(NamedTuple):
 
 
 def redundant_id(channel: int, can_id: int) -> int:
-    """Give the 29-bit identifier of a redundancy channel [S p.53]; for its priority see above."""
+    """Give the 29-bit identifier of a redundancy channel [S p.53]; the head of this file explains its priority."""
     extended_id = _CHANNEL_STEP * channel + can_id
     if not (0 <= can_id <= STANDARD_MASK and 0 <= extended_id <= EXTENDED_MASK):
         raise WireError(f"no 29-bit identifier for channel {channel} of {can_id}: use 0..8191 and 0..2047")
@@ -293,7 +293,10 @@ def redundant_id(channel: int, can_id: int) -> int:
 
 
 def split_redundant_id(extended_id: int) -> Redundant | Malformed:
-    """Read a 29-bit identifier as redundancy channel and identifier, if it can be one."""
+    """Split a 29-bit identifier into redundancy channel and 11-bit identifier.
+
+    Malformed where it is not a CANaerospace one.
+    """
     channel, can_id = divmod(extended_id, _CHANNEL_STEP)
     if can_id > STANDARD_MASK:
         return Malformed(f"29-bit identifier {extended_id:08X} is not a CANaerospace one")

@@ -34,7 +34,7 @@ SHORTEST_HEARTBEAT_MS = 100
 
 
 class Type(Enum):
-    """Data types that are used here: code in CiA 301 (table 44), and length in bytes where it is fixed."""
+    """The data types of this dictionary: code in CiA 301 (table 44), and length in bytes where it is fixed."""
 
     UNSIGNED8 = (0x0005, 1)
     UNSIGNED16 = (0x0006, 2)
@@ -68,8 +68,8 @@ class Kind(Enum):
 class Variable(NamedTuple):
     """One value: an object of its own, or one sub-index of an object.
 
-    value: of a CONST; of any other variable the value at power-on, where that is fixed.
-    of_node: the node-ID is added to `value`.
+    value: the constant of a CONST; for any other variable the value at power-on, where that is fixed.
+    of_node: whether the node-ID is added to `value`.
     limits: lowest and highest number that may be written.
     """
 
@@ -84,10 +84,12 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One object. Sub-index 0 of an array or record is the number of its elements, unless `count` is another variable.
+    """One object of the dictionary.
 
-    variables: the variable of a VAR or DOMAIN, those from sub-index 1 on of a RECORD, or the model of each element of
-        an ARRAY; an array has up to `most` elements.
+    variables: of a VAR or DOMAIN its one variable; of a RECORD the variables from sub-index 1 on; of an ARRAY one
+        variable, the model of all its elements.
+    most: largest number of elements of an ARRAY.
+    count: the variable at sub-index 0 of an ARRAY or RECORD; None: the number of its elements.
     """
 
     index: int
@@ -99,7 +101,7 @@ class Entry:
     meaning: str = ""
 
     def variable(self, sub_index: int) -> Variable | None:
-        """Variable of a sub-index; None where this object has no such sub-index."""
+        """Variable at a sub-index; None where this object has no such sub-index."""
         if self.kind in (Kind.VAR, Kind.DOMAIN):
             return self.variables[0] if sub_index == 0 else None
         if sub_index == 0:
@@ -120,7 +122,7 @@ def _var(index: int, variable: Variable) -> Entry:
 
 
 def _per_module(index: int, name: str, element_type: Type, meaning: str) -> Entry:
-    """One element for each module of the PE's table, in its order."""
+    """An array with one element for each module of the PE's table, in the table's order."""
     return Entry(index, name, Kind.ARRAY, (Variable(name, element_type),), MOST_ELEMENTS, meaning=meaning)
 
 

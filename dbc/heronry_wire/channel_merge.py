@@ -1,32 +1,32 @@
 """Two channels, one bus: of the two copies of a frame the first is taken, and the second is recognized as a copy.
 
-Every frame of a replicated bus is sent on both channels, and carries no number of its sending. So a copy is recognized
-by its content: the same identifier and bytes, on the other channel, within a window of half a heartbeat period. Copies
-are counted for each channel: two equal frames that are sent one after the other are two on each channel, and are taken
-twice, in whatever order the four arrive. Within a window as many of a frame are taken as the better channel has
-brought; so no frame is lost that either channel alone would have brought, except in one case: one of two equal frames
-that follow each other within half a period, if each channel loses another one of the two.
+Every frame of a replicated bus is sent on both channels, and carries no sequence number. So the receiver recognizes a
+copy by its content: the same identifier and bytes, on the other channel, within a window of half a heartbeat period. It
+counts equal frames for each channel: if a sender sends two equal frames, two arrive on each channel, and the receiver
+takes two, in whatever order the four arrive. Within a window the receiver takes as many equal frames as the better
+channel has brought. So it loses no frame that either channel alone would have brought, with one exception: two equal
+frames within half a period, of which one channel loses the first and the other the second, are taken as one.
 
-Late copies are the danger: a channel that comes back may bring frames that waited in a controller meanwhile, and a
-state that is a second old looks like a restart. Hence for each identifier
+Late copies are the danger: a channel that comes back may bring frames that have waited in a controller, and a state
+that is a second old looks like a restart of the PE. Hence each identifier has a state:
 
     in step     both channels have brought the last frame of it: the first copy of the next one is taken
-    behind      one channel has not, and half a period has passed: a frame that only this channel brings is *withheld*
-                until the other one brings it too (then it is taken, and both are in step), or has brought nothing under
-                this identifier for a period and a quarter (then it is taken immediately: the other one has failed)
+    behind      one channel has not brought the last frame within half a period. A frame that only this channel brings
+                is *withheld* until the other channel brings the frame too: then the frame is taken, and both are in
+                step. If the other channel has brought nothing under this identifier for a period and a quarter, it has
+                failed, and the frame is taken immediately
 
-A channel that has lost a single frame of a sender is behind for one frame of it. If the other one fails at that very
-moment, that sender is not heard for one more period, which is too short to make it suspect. Frames with a period longer
-than 1 1/4 heartbeat periods are taken however late they come: they cannot be told from new ones.
+A channel that has lost a single frame of a sender is behind until the next frame of that sender. If the other channel
+fails at that very moment, the sender is not heard for one more period, which is too short to make it suspect. Frames
+with a period longer than 1 1/4 heartbeat periods are taken however late they come: they cannot be told from new ones.
 
 It makes no difference which wire has failed: a break of the channel, of this node's own wire, or of the sender's wire
-alone leaves the sender's identifiers behind, all or some. Doubled by a controller (CAN may bring a frame twice): taken
-twice, as on one channel, or its second copy is. Forged: an attacker who sends the same bits on the other channel before
-the frame itself has sent a true frame; the sender's own one then counts as the copy. After a restart all identifiers
-are in step, and each frame is taken once.
+alone puts all or some of the sender's identifiers behind. A frame that CAN itself delivers twice is taken twice, as on
+a bus with one channel. A forged copy, sent on the other channel before the sender's own, has the same bits: it is
+taken, and the sender's own frame counts as its copy. After a restart of this node all identifiers are in step, and each
+frame is taken once.
 
-Time is that of arrival, and may come a little out of order, as when a process that slept empties one socket after the
-other.
+Times are times of arrival. They may be slightly out of order: a process that slept empties one socket after the other.
 """
 
 from collections import deque
@@ -62,16 +62,16 @@ class ChannelMerge:
 
     def __init__(self, heartbeat_ns: int) -> None:
         """`heartbeat_ns` is the heartbeat period of the bus."""
-        self.copies = 0  # dropped, since the other channel had brought them
-        self.stale = 0  # withheld for good
+        self.copies = 0  # frames dropped because the other channel had brought them
+        self.stale = 0  # frames withheld whose copy never came
         self._window_ns, self._patience_ns = window_ns(heartbeat_ns), late_ns(heartbeat_ns)
         self._now_ns = 0
-        self._alone: dict[Frame, deque[_Copy]] = {}  # copies of one frame, all from one channel
+        self._alone: dict[Frame, deque[_Copy]] = {}  # frames whose copy has not come, each list from one channel
         self._order: deque[_Copy] = deque()
         self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # channel, last time of the other
 
     def take(self, channel: int, frame: Frame, at_ns: int) -> bool:
-        """Tell whether a frame that has arrived is to be taken."""
+        """Note a frame that has arrived on a channel, and tell whether the node takes it."""
         self._expire(at_ns)
         waiting = self._alone.get(frame)
         if waiting is not None and waiting[0].channel != channel:
@@ -86,7 +86,7 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """The second copy has come: tell whether to take it, which is so if the first one was withheld."""
+        """Note that the second copy of a frame has come; tells whether to take it, because the first was withheld."""
         first = waiting.popleft()
         first.is_alone = False
         if not waiting:
@@ -96,7 +96,7 @@ class ChannelMerge:
         return not first.is_taken
 
     def _may_lead(self, channel: int, frame: Frame, at_ns: int) -> bool:
-        """Tell whether a frame is taken from this channel before the other one has brought it."""
+        """Tell whether to take a frame from this channel before the other channel has brought it."""
         found = self._behind.get(_identifier(frame))
         if found is None:
             return True
@@ -107,7 +107,7 @@ class ChannelMerge:
         return at_ns - other_ns >= self._patience_ns
 
     def _expire(self, at_ns: int) -> None:
-        """A frame whose window has passed without a copy stays alone: the other channel is behind."""
+        """Close the windows that have passed: where no copy came, the other channel is behind."""
         self._now_ns = max(self._now_ns, at_ns)
         while self._order and self._order[0].at_ns < self._now_ns - self._window_ns:
             copy = self._order.popleft()

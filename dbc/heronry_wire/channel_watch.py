@@ -1,24 +1,24 @@
-"""Which channel of a replicated bus carries no frames although the other one does, as one node sees it.
+"""Which channel of a replicated bus is lost, as one node sees it: it carries no frames although the other one does.
 
     well    both channels give signs of life, or neither does: on a silent bus nothing can be decided
     lost    for more than `misses` heartbeat periods and a quarter one channel has given no sign while the other did.
-            Every node sends in every period, so this is not by chance
+            Every node sends in every period, so a silence of that length is a failure
     well    again once the channel has given signs for ten periods without such a gap: an intermittent channel stays
             lost
 
 There are two kinds of signs: a frame of another node has come, and a frame of this node has left. A channel that lacks
-either is lost here, so a wire that is broken in one direction counts as well. One node alone cannot tell whether the
-wire of the channel or its own wire has failed: the manager receives the reports of all nodes.
+one of the two is lost for this node, so a wire that is broken in one direction is found too. One node cannot tell
+whether the channel or only its own wire has failed; the manager can, from the reports of all nodes.
 
-Only differences between two times of the same kind count. So a channel is not lost by a pause of the process, nor by a
-silent bus. Lost, doubled or late frames shift a sign by their delay.
+A sign is compared only with the last sign of the same kind on the other channel. So neither a pause of the process nor
+a silent bus makes a channel lost. Lost, doubled or late frames shift a sign by their delay.
 """
 
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns
 
 
 class ChannelWatch:
-    """Signs of life of two channels; they are 0 and 1 in calls, and 1 and 2 in results."""
+    """Watches the signs of life of two channels, which are 0 and 1 as arguments, and 1 and 2 in results."""
 
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
         """`heartbeat_ns` and `misses` are those of the bus."""
@@ -26,19 +26,19 @@ class ChannelWatch:
         self._hold_down_ns = HOLD_DOWN_PERIODS * heartbeat_ns
         self._heard_ns = [now_ns, now_ns]
         self._left_ns = [now_ns, now_ns]
-        self._kept_up_ns = [now_ns, now_ns]  # since when
+        self._kept_up_ns = [now_ns, now_ns]  # since when each channel has had no gap
         self._lost: frozenset[int] = frozenset()
 
     def heard(self, channel: int, at_ns: int) -> None:
-        """A channel has brought a frame of another node."""
+        """Note that a channel has brought a frame of another node."""
         self._sign(self._heard_ns, channel, at_ns)
 
     def left(self, channel: int, at_ns: int) -> None:
-        """A frame of this node has left on a channel."""
+        """Note that a frame of this node has left on a channel."""
         self._sign(self._left_ns, channel, at_ns)
 
     def lost(self, now_ns: int) -> frozenset[int]:
-        """Channels that are lost here, as numbers from 1."""
+        """Channels that are lost for this node, numbered from 1."""
         if self._lost or self._lags(0) or self._lags(1):
             self._lost = frozenset(channel + 1 for channel in (0, 1) if self._is_lost(channel, now_ns))
         return self._lost

@@ -3,22 +3,22 @@
 Every command is followed by one TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of tag. A
 manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A command
 is accepted when its TAG comes, and only if its number is above that of the last one: `CommandVerifier` decides this,
-for a PE and for another manager alike.
+for a PE and for the standby manager alike.
 
     no place     no command of this manager is accepted: the receiver has just started, and frames may be old
     a place      (term, number) of the last accepted command; the next one must be above it
 
-A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. The other manager has no
-nonce to send (`seek`) and gains a place by trying the upper bits of the number.
+A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. A standby manager sends no
+nonce, and gains a place by trying the upper bits of the number (`seek`).
 
-Lost, a command or its TAG: the other one is dropped with the next of its kind, or after `patience_ns`. Late: where a
-newer command was accepted first, the older one is refused. Doubled: the second TAG stands for a number that is not
-above the last. Forged, changed, of another fleet, replayed: the tag is not valid. None of this changes a place; each is
-counted in `refused`. A receiver that has missed 8 192 commands cannot find the number any more, and has to gain a place
-anew.
+If a command or its TAG is lost, the other of the two is dropped with the next command of its kind, or after
+`patience_ns`. A late command is refused if a newer one was accepted before. A doubled TAG is refused, since its number
+is not above the last. The tag of a forged, changed or replayed command, or of one from another fleet, is not valid.
+None of this changes a place, and each case is counted in `refused`. A receiver that has missed 8 192 commands can no
+longer find the number, and has to gain a place anew.
 
-A fixed number of commands is held, and every TAG costs a limited number of trials: a flood costs no more than the time
-of its frames.
+The verifier holds a limited number of commands, and checks a limited number of tags for every TAG, so a flood of frames
+cannot exhaust the receiver.
 """
 
 from collections import Counter, deque
@@ -31,8 +31,8 @@ from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import CONTROL, NUMBER_SPAN, TAG, WELCOME_KIND, Control, Operation, decode_tag, is_welcome
 from heronry_wire.sansio import Received, require
 
-_HELD = 40  # commands of one kind that wait for their TAG: the heads of all slices, and a few more
-_SOUGHT = 1 << 11  # upper halves of a number that are tried: two days of commands
+_HELD = 40  # most commands of one kind that wait for their TAG: the heads of all slices, and a few more
+_SOUGHT = 1 << 11  # values of the upper bits of a number that `seek` tries: two days of commands
 _SEEK_PAUSE_NS = 20_000_000
 _NOT_YET_NS = -_SEEK_PAUSE_NS
 
@@ -44,7 +44,7 @@ class Refusal(Enum):
     UNTAGGED = "command without its tag"
     STRAY = "tag without its command"
     UNKNOWN = "command before a fresh start"  # no command of this manager is accepted yet
-    STALE = "command from before"  # an older term, or an older answer
+    STALE = "command from before"  # of an older term, or an answer to an older nonce
     UNPROVEN = "tag that does not fit"
 
 
@@ -60,7 +60,7 @@ class CommandSigner:
     """Numbers and tags the commands of one mastership."""
 
     def __init__(self, key: Key, manager: int, term: int) -> None:
-        """`term` must never have been used by this manager before."""
+        """term: a term that this manager has never used before."""
         self.term = term
         self._key, self._manager = key, manager
         self._tag_id = management_id(manager, Command.TAG)
@@ -69,12 +69,12 @@ class CommandSigner:
         self.number = -1  # of the last command
 
     def tag(self, frame: Frame) -> Frame | None:
-        """Give the TAG that must follow a frame; None where the frame is no command of this manager."""
+        """Give the TAG to send after a frame; None where the frame is no command of this manager."""
         kind = self._kinds.get(frame.can_id)
         return None if kind is None else self._tag(kind, frame.data)
 
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
-        """Answer the nonce of a PE: gives the WELCOME that opens its session, under `number`, and its TAG."""
+        """Answer the nonce of a PE: give the WELCOME that opens its session, and the TAG of that WELCOME."""
         number = self.number + 1
         answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
@@ -90,7 +90,7 @@ class CommandVerifier:
     """Accepts commands of managers, or refuses them."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """`patience_ns` is how long a command waits for its TAG; `seek`: find a place without a nonce."""
+        """patience_ns: how long a command waits for its TAG. seek: find a place without a nonce."""
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {
             (manager, kind): deque() for manager in MANAGER_NODES for kind in range(WELCOME_KIND + 1)
@@ -111,10 +111,10 @@ class CommandVerifier:
     def tagged(
         self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE, *, is_counted: bool = True
     ) -> Held | Refusal:
-        """Take a TAG; gives the command that is accepted, or why there is none.
+        """Take a TAG, and give the command that it makes accepted, or the reason for refusal.
 
-        nonce: the last one that was sent, if an answer to it is still accepted.
-        is_counted: false where the TAG may be that of an answer to another node.
+        nonce: the nonce that the PE sent last, if its answer may still come.
+        is_counted: whether a refusal is counted; false where the TAG may belong to an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -150,10 +150,10 @@ class CommandVerifier:
         return refusal
 
     def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
-        """Accept a held command, and drop those before it: they were sent earlier, and their TAGs were lost.
+        """Accept a held command, and drop the commands before it: they were sent earlier, and their TAGs were lost.
 
-        A command that has come twice counts with its second time of arrival. It is not held for the TAG of the next
-        equal command: that one would count with the present time, and each later one with the time before its own.
+        If a command was received twice, the time of the second copy counts, and both copies leave the queue. A copy
+        left there would pair with the TAG of the next equal command, which would then get the wrong time of arrival.
         """
         self.places[manager] = place
         for _ in range(waiting):
@@ -166,7 +166,7 @@ class CommandVerifier:
         return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
-        """Place that a command has if its TAG is valid."""
+        """Place of a command whose TAG is valid; else the reason for refusal."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
             term, _, _, upper, lower = CONTROL.fields_of(payload)
@@ -187,7 +187,7 @@ class CommandVerifier:
         return may
 
     def _sought(self, manager: int, fields: tuple[int, ...], held: deque[Held]) -> Held | Refusal:
-        """Try every number that the newest command may have: this is for the other manager, which has no nonce."""
+        """Try every number that the newest command may have; for a standby manager, which has no nonce."""
         kind, low, tag = fields
         payload = held[-1].event.frame.data
         term = _term(kind, payload, 0)

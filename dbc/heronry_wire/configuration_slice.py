@@ -2,8 +2,8 @@
 
 All its numbers are indices into the PE's table (`pe_table`): modules, modes, and *sources*, which are the
 pairs (producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so
-that equal slices have equal bytes and equal digests. Every slice has one encoding; any other bytes (an index twice, a
-longer number) are no slice:
+that equal slices have equal bytes and equal digests. Every slice has one encoding; other bytes (an index given twice, a
+number longer than needed) are refused:
 
     number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer
@@ -11,8 +11,8 @@ longer number) are no slice:
     number of sources forwarded (gateways), then for each: source, node-ID of its producer, mask of buses
     where there are any: number of expendable modules, then each: those that stop while no manager is heard
 
-The slice of a PE without modules and data to forward has no bytes: the head of SLICE is enough. The digest covers the
-spec's digest too: a PE with the table of another spec stages nothing.
+The slice of a PE that runs no module and forwards nothing has no bytes: the head of SLICE is enough. The digest of a
+slice covers the spec's digest too, so a PE with the table of another spec stages nothing.
 """
 
 import hashlib
@@ -75,7 +75,7 @@ class Slice:
 
 
 class SliceError(HeronryError, ValueError):
-    """The bytes are no slice of this PE; the message says why."""
+    """Bytes that are no slice of this PE; the message says why."""
 
 
 def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
@@ -91,12 +91,12 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
     except PackingError as error:
         raise SliceError(str(error)) from None
     if numbers.left():
-        raise SliceError(f"{numbers.left()} bytes too many")
+        raise SliceError(f"{numbers.left()} bytes follow the end of the slice")
     modules = {module.module for module in decoded.modules}
     if decoded.encode() != body or len(modules) != len(decoded.modules):
-        raise SliceError("an index is out of order or there twice, or the bytes are more than needed")
+        raise SliceError("an index is out of order or given twice, or a number is longer than needed")
     if not decoded.expendable <= modules:
-        raise SliceError(f"modules {sorted(decoded.expendable - modules)} are expendable, and are not to run")
+        raise SliceError(f"modules {sorted(decoded.expendable - modules)} are expendable, but not in the slice")
     return decoded
 
 

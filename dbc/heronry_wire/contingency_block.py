@@ -1,4 +1,4 @@
-"""The contingencies that a PE has on board: its slice of each configuration that the manager calls by a number.
+"""The contingencies that a PE has on board: its slices of configurations to which the manager refers by number.
 
 Numbers are as in `packing`; most contingencies do not change most PEs, so each different slice is kept once:
 
@@ -6,8 +6,8 @@ Numbers are as in `packing`; most contingencies do not change most PEs, so each 
     number of contingencies, then for each, from number 1: index of its slice
     three times that number, then for each: digest of the whole configuration, most significant byte first
 
-The digest binds a number to the configuration that the manager means. A PE whose block comes from another file, or
-another spec, finds another digest under the number, and stages nothing.
+The digest proves that the manager and the PE mean the same configuration by a number. If the PE's block comes from
+another file or another spec, the digest under that number differs, and the PE stages nothing.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,10 @@ class Preloaded:
 
 
 def write_block(contingencies: Sequence[Preloaded]) -> bytes:
-    """Write the contingencies from number 1 on as a PE keeps them; no bytes for none."""
+    """Write contingencies, the first of which has number 1, as a PE keeps them.
+
+    Without contingencies there are no bytes.
+    """
     if not contingencies:
         return b""
     different = {body: index for index, body in enumerate(dict.fromkeys(one.slice for one in contingencies))}
@@ -46,7 +49,7 @@ def read_block(block: bytes) -> tuple[Preloaded, ...]:
     indices = numbers.numbers()
     digests = numbers.text()
     if numbers.left() or len(digests) != _DIGEST_BYTES * len(indices) or max(indices, default=0) >= len(slices):
-        raise PackingError("the contingencies on board contradict themselves")
+        raise PackingError("a contingency on board lacks its slice or its digest, or bytes follow the last one")
     return tuple(
         Preloaded(slices[index], int.from_bytes(digests[at * _DIGEST_BYTES : (at + 1) * _DIGEST_BYTES], "big"))
         for at, index in enumerate(indices)

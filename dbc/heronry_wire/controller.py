@@ -1,8 +1,8 @@
 """How Linux reports the state of a CAN controller in error frames: the states of ISO 11898-1, and errors of the bus.
 
-An error frame is not a frame of the bus: the driver makes it, for sockets that request it, so it is no evidence about
+An error frame is not a frame of the bus: the driver makes it, for sockets that request it, so it says nothing about
 other nodes. The classes are bits of its identifier, details are in its bytes (Linux, include/uapi/linux/can/error.h). A
-driver may leave out any of it: a missing state is None here, never a guess.
+driver may leave out any of these; where it gives no state, the state is None here and is not guessed.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class ControllerState(IntEnum):
 
     ERROR_ACTIVE = 0
     ERROR_WARNING = 1  # an error counter has reached 96
-    ERROR_PASSIVE = 2  # 128: it may no longer stop the frames of other nodes
+    ERROR_PASSIVE = 2  # an error counter has reached 128: its error flags no longer destroy the frames of other nodes
     BUS_OFF = 3  # the transmit counter has passed 255: it is off the bus until it is restarted
     STOPPED = 4
     SLEEPING = 5
@@ -40,7 +40,7 @@ _STATES = (  # bits of byte 1 of a controller problem, the worst first
 
 @dataclass(frozen=True, slots=True)
 class ControllerReport:
-    """Content of one error frame; `state` is None where it does not name one."""
+    """Content of one error frame; `state` is None where the frame names none."""
 
     state: ControllerState | None
     kinds: tuple[str, ...]

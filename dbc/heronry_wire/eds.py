@@ -1,8 +1,8 @@
 """The electronic data sheet of a PE: its object dictionary in the format that CANopen tools read (CiA 306-1).
 
 The EDS is written from `canopen_objects`, without a time, a path or a node-ID: so the shipped file, the output of
-`heronry eds` and the file that a PE gives by SDO (object 1021h) have the same bytes. `$NODEID` stands for the node-ID,
-and arrays with one element per module are written compactly: the node gives their number.
+`heronry eds` and the file that a PE gives by SDO (object 1021h) are equal. `$NODEID` stands for the node-ID, and arrays
+with one element per module are written in the compact form, in which the node itself gives the number of elements.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,11 +22,11 @@ from heronry_wire.canopen_objects import (
 FILE_NAME = "heronry_pe.eds"
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _FIRST_OWN, _LAST_OWN = 0x2000, 0x5FFF
-_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s; the spec has the bit rate of a bus
+_BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, all of CiA 306: the spec fixes the bit rate
 
 
 def eds_text() -> str:
-    """Give the text of the whole file."""
+    """Give the text of the EDS."""
     return "\n".join(line for section in _sections() for line in section)
 
 

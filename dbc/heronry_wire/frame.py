@@ -1,7 +1,7 @@
 """The frame: the one unit that goes into and comes out of every core, and its text form.
 
-This file defines a frame on this side of every driver (identifier, data, three flags), which of two wins arbitration,
-and its text form, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log (`(12.000345) can0
+This file defines the frame as cores see it (identifier, data, three flags), the order in which frames win arbitration,
+and the text form, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log (`(12.000345) can0
 130#...`), so that a recorded flight replays through the cores, and a simulated one opens in any CAN tool.
 
 States: none. Everything here is a pure function of its arguments.
@@ -58,7 +58,7 @@ class Frame(NamedTuple):
 
 
 class LoggedFrame(NamedTuple):
-    """One line of a candump log: when it was seen (ns of the recorder's clock), on which channel, what."""
+    """One line of a candump log: the time in ns of the recorder's clock, the channel, and the frame."""
 
     time_ns: int
     channel: str

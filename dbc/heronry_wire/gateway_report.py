@@ -3,11 +3,13 @@
     LINK, of radio r       291 + r       from the gateway between r and the manager, toward the manager
 
 Radios are numbered in the spec's order; there are nine identifiers. The gateway sends a report on its uplink every
-heartbeat period of the radio, and immediately when the radio is gone or back. Gateways on the way pass it on.
+heartbeat period of the radio, and immediately when the radio is gone or back. Other gateways on the way to the manager
+forward the report.
 
-The report is not acknowledged: after a lost one the next one comes, a doubled one has no effect, and a late one is
-recognized by its sequence. A forged one can reduce the bandwidth to the ground, or cut the ground off; the modules on
-board fly without it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises ValueError.
+Reports are not acknowledged. The next report replaces a lost one, a doubled report has no effect, and a late report is
+recognized by its sequence. A forged report can reduce the bandwidth to the ground, or cut the ground off; the modules
+on board do not depend on it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
+ValueError.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ class LinkState(IntEnum):
     """Whether frames come from beyond the radio."""
 
     UP = 0
-    GONE = 1  # no frame came from beyond for as many periods as may be missed there
+    GONE = 1  # no frame came from beyond the radio for as many periods as its bus allows to be missed
 
 
 LINK = Layout(
@@ -51,7 +53,7 @@ class LinkReport:
     usable: int  # usable bandwidth, in thousandths of the radio's bit rate
     delivered: int  # frames from beyond that arrived, in per cent of those that were sent
     queued: int  # frames that wait at the gateway; 255 stands for more
-    dropped: int  # frames that were given up there since its start, modulo 65536
+    dropped: int  # frames that the gateway has dropped since its start, modulo 65536
 
     def encode(self) -> bytes:
         """Payload of LINK."""
@@ -62,14 +64,17 @@ class LinkReport:
 
 
 def link_id(radio: int) -> int:
-    """Identifier of the reports of a radio, counted among the wireless buses of the spec; raises WireError."""
+    """Identifier of the reports on radio number `radio` (from 0, among the wireless buses of the spec).
+
+    Raises WireError.
+    """
     if not 0 <= radio < len(GATEWAY_IDS):
         raise WireError(f"radio number {radio} has no identifier: there are {len(GATEWAY_IDS)}")
     return GATEWAY_IDS[radio]
 
 
 def decode_link(data: bytes) -> LinkReport | Malformed:
-    """Decode a report; `Malformed` with the reason where it is none."""
+    """Decode the payload of a LINK frame; `Malformed` with the reason where the payload is not valid."""
     fields = LINK.unpack(data)
     if fields is None:
         return Malformed("LINK has a wrong length")

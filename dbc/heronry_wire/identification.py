@@ -1,4 +1,4 @@
-"""CANaerospace node services: the one that every node must answer, identification (IDS, protocol rule 12).
+"""Identification (IDS), the one CANaerospace node service that every node must answer (protocol rule 12).
 
 A request to this node is answered immediately, a request to all nodes after (n - 92) ms, so that the answers do not all
 start together. Other services, other channels and malformed requests are not answered.
@@ -22,7 +22,7 @@ REQUEST_ID = service_id(0, is_answer=False)
 
 
 class IdentificationService:
-    """Answers IDS requests for one node; `next_ns` is when to call `tick`."""
+    """Answers IDS requests for one node; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, node: int) -> None:
         self._node = node

@@ -65,7 +65,7 @@ _MANAGEMENT_STEP = 10
 
 
 class Command(IntEnum):
-    """What a management frame is: its place among the ten identifiers of its manager."""
+    """Kind of a management frame; the value is its place among the ten identifiers of its manager."""
 
     LEASE = 0
     ALIVE = 1
@@ -99,7 +99,7 @@ class Use(Enum):
 
 
 class Meaning(NamedTuple):
-    """Meaning of an identifier by itself: its use, its node, the management command."""
+    """Meaning of an identifier: its use, and where it has them the node and the management command."""
 
     use: Use
     node_id: int | None = None
@@ -193,13 +193,13 @@ def classify(can_id: int) -> Meaning:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One (producing module, variable) that needs an identifier.
+    """A pair (producing module, variable), which needs an identifier.
 
     standard: the standard identifier that the spec gives the variable, if any.
-    best_version: lowest version in the best mode, that is in the first listed mode which gives the variable.
-    criticality_rank: best criticality that it serves in any phase, 0 (A) .. 4 (E).
-    rate_mhz: rate at which it is sent, in thousandths of a hertz.
-    order: its place in the spec.
+    best_version: version that the producer gives in the first listed mode that gives the variable.
+    criticality_rank: best criticality that the source serves in any phase, 0 (A) .. 4 (E).
+    rate_mhz: rate at which the variable is sent, in thousandths of a hertz.
+    order: place of the source in the spec.
     """
 
     producer: str
@@ -212,13 +212,13 @@ class Source:
 
 
 def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
-    """Give the identifier of every (producer, variable).
+    """Allocate an identifier to every (producer, variable).
 
-    The best producer of a variable with a standard identifier has that one: lowest version in its best mode,
-    then order in the spec. Every other pair takes the next allocated one by criticality, period, and order:
-    a more critical source, and then a faster one, has the higher priority. Sources of equal rank keep the order of
-    `sources`.
-    Raises WireError when there are more than 221 of these, a standard identifier is none, or is given twice.
+    If a variable has a standard identifier, its best producer gets that one: the producer with the lowest
+    `best_version`, and among equals the first in the spec. Every other pair gets an allocated identifier. The more
+    critical source has the higher priority, then the faster one, then the first in the spec. Raises WireError where
+    more than 221 identifiers would have to be allocated, or where a standard identifier is outside 300..1499 or claimed
+    by two variables.
     """
     ordered = sorted(sources, key=lambda source: source.order)
     pairs = {(source.producer, source.variable) for source in ordered}
@@ -230,7 +230,7 @@ def allocate(sources: Iterable[Source]) -> dict[tuple[str, str], int]:
     if len(rest) > len(ALLOCATED_DATA_IDS):
         raise WireError(
             f"{len(rest)} (module, variable) pairs need an allocated identifier and there are "
-            f"{len(ALLOCATED_DATA_IDS)}: give variables a standard identifier, or merge some"
+            f"{len(ALLOCATED_DATA_IDS)}: give variables a standard identifier, or merge variables"
         )
     for source, can_id in zip(rest, ALLOCATED_DATA_IDS, strict=False):
         given[source.producer, source.variable] = can_id

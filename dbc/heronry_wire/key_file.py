@@ -1,7 +1,7 @@
 """The file that holds a fleet's key: one line of 64 hexadecimal digits, which only its owner may read.
 
-A file that other users may read is refused: its key must not count as secret any more. The file is made with mode 0600
-from its first byte on, from the system's random source, and never overwritten.
+A file that other users may read is refused: its key must not count as secret any more. `make_key` draws the key from
+the system's random source, creates the file with mode 0600, and never overwrites a file.
 """
 
 import os
@@ -41,7 +41,7 @@ def read_key(file: Path) -> Key:
 
 
 def make_key(file: Path) -> Key:
-    """Draw a key and keep it in a new file; raises KeyFileError where there is a file already."""
+    """Draw a key and write it to a new file; raises KeyFileError where the file exists or cannot be made."""
     secret = os.urandom(KEY_BYTES)
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)

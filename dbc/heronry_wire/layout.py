@@ -1,7 +1,7 @@
 """Bit layouts of fixed-size payloads: one table for the codec, the DBC and the documentation.
 
-A layout is a list of named unsigned fields, most significant bit first, as CANaerospace writes its numbers. Packing
-and unpacking go through one big integer: no field needs to start at a byte.
+A layout is a list of named unsigned fields, most significant bit first, as CANaerospace writes its numbers. Packing and
+unpacking go through one big integer, so a field may start at any bit.
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """An unsigned number of `bits` bits; `labels` gives the names of its values where they have names."""
+    """An unsigned number of `bits` bits; `labels` maps its values to names, where they have names."""
 
     name: str
     bits: int
@@ -46,15 +46,16 @@ class Layout:
         return number.to_bytes(self.length, "big")
 
     def unpack(self, data: bytes) -> tuple[int, ...] | None:
-        """Decode one value per field, or None where the length is not this layout's."""
+        """Decode one value per field; None where `data` does not have the length of this layout."""
         if len(data) != self.length:
             return None
         return self.fields_of(data)
 
     def span(self, name: str) -> tuple[int, int]:
-        """First byte of one field and the byte after its last, for a reader of this field alone.
+        """First byte of a field and the byte after its last, for a caller that reads this field alone.
 
-        Raises ValueError unless the field has whole bytes. Two numbers, since compiled code takes no slice as an index.
+        Raises ValueError unless the field has whole bytes. The result is two numbers because compiled code takes no
+        slice as an index.
         """
         at = 0
         for field in self.fields:
@@ -64,6 +65,6 @@ class Layout:
         raise ValueError(f"{self.name} has no field {name} of whole bytes")
 
     def fields_of(self, data: bytes) -> tuple[int, ...]:
-        """Decode one value per field of a payload that is known to have this layout's length."""
+        """Decode one value per field; the caller has checked that the payload has the length of this layout."""
         number = int.from_bytes(data, "big")
         return tuple([number >> shift & mask for shift, mask in self._places])

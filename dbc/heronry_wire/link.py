@@ -6,31 +6,29 @@ received"). Only then does the next most urgent frame follow, so that a more urg
 first. An echo that does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and
 counted; if it comes after all, it is still recognized and taken out.
 
-Each arrival has a time: the time-stamp of the frame is converted to the monotonic clock, so that a process that stood
-still does not take old frames for new ones.
+Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock. So a process that was
+paused does not take old frames for new ones.
 
-A frame that the back-end cannot take because the controller's own queue is full (ENOBUFS, a busy mailbox) is tried
-again a millisecond later; no error ends a link that was once open:
+If the controller's own queue is full (ENOBUFS, a busy mailbox), the link tries the frame again a millisecond later. No
+error ends a link that was once open:
 
     open   frames go in and out
     lost   the interface is down or gone, the hub has ended, the controller is bus-off, or a back-end has raised an
-           exception: the bus is closed, frames that wait or are sent meanwhile are dropped, and every REOPEN_NS it is
-           opened again. A SocketCAN interface whose controller is bus-off is restarted before, unless Linux will do it
-           (restart-ms); one at another bit rate than requested is not used: sending there would destroy frames.
-           A bus that may take seconds to open (`slow_opening`) is opened in a thread
+           exception. The link closes the bus, drops frames that wait or are sent meanwhile, and tries to open the bus
+           again every REOPEN_NS. It first restarts a SocketCAN interface whose controller is bus-off, unless Linux will
+           do so (restart-ms). It does not use an interface with another bit rate than requested: sending there would
+           destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
-`health` has the time since when the bus is lost, the link status events as sentences, and counts. Only a bus that
-cannot be opened at the start raises LinkError, with one sentence; one channel of a replicated bus (`replicated_link`)
-may begin lost.
+`health` has the time since when the bus is lost, the link status events as sentences, and counts. LinkError is raised
+only where the bus cannot be opened at the start; a channel of a replicated bus (`replicated_link`) may begin lost.
 
 A node need not receive all frames: `accept` has the kernel (or the hub of a software bus) filter out identifiers that
 the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
 before the frame goes out.
 
-Of SocketCAN and the software bus it is known that they echo frames, stamp them with this machine's clock, and have
-nothing left when `recv` gives nothing. With other back-ends a frame counts as sent when `send` returns, and as arrived
-when it is taken; frames that the node does not take are dropped here, and `recv` is called again while there is
-something to read.
+SocketCAN and the software bus echo frames, stamp them with this machine's clock, and have nothing left when `recv`
+gives nothing. Other back-ends may not. With them a frame counts as sent when `send` returns, and as arrived when it is
+read; the link itself drops frames that the node does not take, and calls `recv` again while there is something to read.
 """
 
 import select
@@ -57,10 +55,10 @@ from heronry_wire.transmit_queue import TransmitQueue
 ECHO_TIMEOUT_NS = 100_000_000
 RETRY_NS = 1_000_000
 REOPEN_NS = 250_000_000
-STUCK_NS = 1_000_000_000  # no frame has left for so long
+STUCK_NS = 1_000_000_000  # if no frame leaves for so long, the bus is reported stuck
 _WELL_KNOWN = ("socketcan", "softbus")
-_BURST = 64  # frames taken in one turn: a flood must not starve the timers
-_LATE_ECHOES = 16  # how many frames given up are remembered
+_BURST = 64  # most frames read in one turn: a flood must not starve the timers
+_LATE_ECHOES = 16  # how many of the frames whose echo was given up are remembered
 
 
 class Arrival(NamedTuple):
@@ -76,20 +74,20 @@ class Link:
     def __init__(self, config: Mapping[str, Any], *, may_begin_lost: bool = False) -> None:
         """Open the bus that python-can's keyword arguments `config` describe; raises LinkError.
 
-        may_begin_lost: a bus that cannot be opened now is lost, and tried again.
+        may_begin_lost: a bus that cannot be opened now begins as lost, and no error is raised.
         """
         self.name = bus_name(config)
         self.health = BusHealth(self.name)
         self.echoes_lost = 0
         self.has_more = False  # the last `receive` took a whole burst
         self.queue = TransmitQueue()
-        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, ns in controller
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, ns in the controller
         self._in_flight: Frame | None = None
-        self._handed_ns = 0  # when it was handed over
-        self._departed: deque[int] = deque(maxlen=_BURST)  # times of frames in the controller, since the last call
+        self._handed_ns = 0  # when the frame in flight was handed over
+        self._departed: deque[int] = deque(maxlen=_BURST)  # ns in the controller, as `departures_ns` gives them
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._waiting_since_ns: int | None = None  # since when no frame has left
-        self._deadline_ns: int | None = None  # of the echo, of the next try, or of opening the bus again
+        self._deadline_ns: int | None = None  # for the echo, the next try, or opening the bus again
         self._wanted: frozenset[int] | None = None  # None: all identifiers
         self._sent: set[int] = set()  # identifiers whose echoes must pass the filters
         self._overruns = 0
@@ -97,7 +95,7 @@ class Link:
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
-        self._connection: socket.socket | None = None  # may end without an exception
+        self._connection: socket.socket | None = None  # the server may close it without an exception here
         self._opening: SlowOpening | None = None
         if may_begin_lost:
             self._try_to_open(time.monotonic_ns(), None)
@@ -143,30 +141,33 @@ class Link:
             self.pump(now_ns)
 
     def put(self, frame: Frame, until_ns: int | None) -> bool:
-        """Queue a frame for the next `pump`; tells whether the bus is there."""
+        """Queue a frame for the next `pump`, and tell whether the bus can be used; if not, the frame is dropped."""
         if self._bus is None:
             self.health.counts["not sent while lost"] += 1
-            self._departed.append(0)  # it has left the queue, for a caller that waits for it
+            self._departed.append(0)  # a caller that waits for the frame to leave the queue must not wait for ever
             return False
         self.queue.push(frame, until_ns)
         return True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers; one in flight stays there."""
+        """Remove the frames that wait under these identifiers from the queue; a frame in flight is not affected."""
         self.queue.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hand over only frames with a higher priority than data until then."""
+        """Hold data, and frames with a lower priority, in the queue until `until_ns`."""
         self.queue.stands_back_until_ns = until_ns
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Receive only frames of these 11-bit identifiers from now on, and the echoes of frames that are sent."""
+        """Receive only frames with these 11-bit identifiers from now on, and the echoes of this node's own frames."""
         self._wanted = frozenset(identifiers)
         with self._surviving(time.monotonic_ns()):
             self._set_filters()
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Take the frames that have arrived, without waiting, at most a burst; without echoes and error frames."""
+        """Read the frames that have arrived, at most a burst, without waiting.
+
+        Echoes and error frames are not among them.
+        """
         arrivals: list[Arrival] = []
         wall_ns = time.time_ns()
         self.has_more = False
@@ -174,7 +175,7 @@ class Link:
             for _ in range(_BURST):
                 try:
                     message = None if self._bus is None else self._bus.recv(0)
-                except (ValueError, IndexError):  # noise on a serial line: slcan does not look before it reads
+                except (ValueError, IndexError):  # noise on a serial line: slcan does not check what it reads
                     self.health.counts["not understood"] += 1
                     continue
                 if message is None:
@@ -192,7 +193,10 @@ class Link:
         return arrivals
 
     def pump(self, now_ns: int) -> None:
-        """Hand over the next frame if none is in flight; called also when `next_deadline_ns` has come."""
+        """Hand over the next frame if none is in flight.
+
+        The driver calls this after `send`, and at `next_deadline_ns`.
+        """
         if self._deadline_ns is not None and now_ns < self._deadline_ns:
             return
         self._deadline_ns = None
@@ -229,14 +233,14 @@ class Link:
 
     @contextmanager
     def _surviving(self, now_ns: int) -> Iterator[None]:
-        """Take the bus for lost if it raises an exception in this context."""
+        """Treat the bus as lost if it raises an exception in this context."""
         try:
             yield
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything
             self._lose(sentence_of(error), now_ns)
 
     def _lose(self, reason: str, now_ns: int) -> None:
-        with suppress(Exception):  # it is broken, and may raise again
+        with suppress(Exception):  # the bus is broken, and may raise again
             self.close()
         self._bus = None
         self.health.lost(now_ns, reason)
@@ -253,7 +257,7 @@ class Link:
         bus, self._fileno, self._connection = opened or open_bus(self._config)
         try:
             bus.recv(0)  # an interface that is down can be opened, and fails here
-            look_at_interface(self._config)  # again: it may have come up, at another bit rate, in between
+            look_at_interface(self._config)  # again: it may have come up since then, at another bit rate
             self._bus = bus
             self._is_well_known = bus.channel_info.partition(" ")[0] in _WELL_KNOWN
             self._set_filters()
@@ -278,7 +282,7 @@ class Link:
         self._try_to_open(now_ns, result)
 
     def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
-        """Open the bus now, or take the result of a slow opening."""
+        """Try to open the bus now, or take the result of a slow opening."""
         try:
             if isinstance(result, HeronryError):
                 raise result
@@ -290,13 +294,16 @@ class Link:
             self.health.back(now_ns)
 
     def departures_ns(self) -> list[int]:
-        """Time in ns in the controller of each frame that has left since the last call; 0 where it is not known."""
+        """Give, for each frame that has left since the last call, how long it was in the controller, in ns.
+
+        0 means that the time is not known.
+        """
         departed = list(self._departed)
         self._departed.clear()
         return departed
 
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
-        """Tell whether a frame is an echo; if it is the one in flight, hand over the next frame."""
+        """Tell whether a frame is an echo; if it is the echo of the frame in flight, hand over the next frame."""
         if frame == self._in_flight:
             self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None
@@ -326,7 +333,7 @@ class Link:
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """Tell whether nothing is left to read after `recv` gave None, as it does for an answer of a modem.
+        """Tell whether nothing is left to read after `recv` gave None: `recv` also gives None for an answer of a modem.
 
         Raises OSError where the connection has ended.
         """
@@ -337,7 +344,7 @@ class Link:
         return not select.select([self._fileno], [], [], 0)[0]
 
     def _wants(self, frame: Frame) -> bool:
-        """Tell whether the node takes a frame; where the back-end filters, every frame passes."""
+        """Tell whether the node takes a frame; always true where the back-end itself filters."""
         if self._is_well_known or self._wanted is None:
             return True
         return frame.can_id in self._wanted and not frame.extended
@@ -349,7 +356,7 @@ class Link:
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
     def _hand_over(self, bus: can.BusABC, frame: Frame, now_ns: int) -> bool:
-        """Send the first frame of the queue; tells whether another may follow immediately."""
+        """Hand the first frame of the queue to the bus, and tell whether another may follow immediately."""
         if frame.can_id not in self._sent:
             self._sent.add(frame.can_id)
             self._set_filters()

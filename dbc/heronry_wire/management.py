@@ -6,24 +6,24 @@ Senders
     (`state_frames`) and EMCY for a fault. There are no other commands or reports.
 
 Two phases, numbered
-    PREPARE names a new epoch and the digest of the whole configuration, and the number of a contingency if it is one: a
-    PE that has that on board stages it. For each other PE, SLICE with index 0 gives length and digest of its slice; a
-    PE whose running slice has that digest stages it immediately, any other PE collects the body from the frames 1, 2,
-    ... (five bytes each) in any order, doubled or not. Page 1 of the state reports what is staged. ACTIVATE then
-    carries a step, and LEASE repeats it for a PE that missed it:
+    PREPARE names a new epoch, the digest of the whole configuration, and, if the configuration is a contingency, its
+    number: a PE that has that contingency on board stages it. For each other PE, SLICE with index 0 gives length and
+    digest of its slice. A PE whose running slice has that digest stages it immediately; any other PE collects the body
+    from the frames 1, 2, ... (five bytes each), in any order, doubled or not. Page 1 of the state reports what is
+    staged. ACTIVATE then carries a step, and LEASE repeats the step for a PE that missed ACTIVATE:
 
     step BREAK   stop modules that the new slice lacks, rewire those that stay, send no new data, report BROKEN
     step GO      start the rest, except DEMUX branches that are new on this PE: those stay held (PARTIAL)
     step GO_ALL  start those too (ACTIVE)
 
     A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
-    command may be lost, late or doubled: it names the epoch, an older epoch or a lower term changes nothing, and a step
-    already taken is not taken again.
+    command may be lost, late or doubled: it names the epoch, a PE ignores an older epoch or a lower term, and it does
+    not take a step twice.
 
 Numbers
     An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 (PREPARE has no room for more) and
-    only rises; one outside is malformed. A digest is 24 bits. All numbers are big-endian, except in EMCY, whose head is
-    CiA 301's and little-endian.
+    only rises; any other value is malformed. A digest is 24 bits. All numbers are big-endian, except in EMCY, whose
+    head is CiA 301's and little-endian.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -55,20 +55,20 @@ class Step(IntEnum):
 class Operation(IntEnum):
     """Operations of CONTROL."""
 
-    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): the manager has it. Where
-    # it has only the report that a module was built anew, RESTART_HEARD is added to a
+    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): the manager has the
+    # report. If it has only the report that a module was restarted, RESTART_HEARD is added to a
     CLEAR = 2  # a = element kind, b = element index: the operator clears the faults of the element
-    WELCOME = 3  # a, b = upper and lower half of the command's own number: the answer to the nonce of one PE
-    RENEW = 4  # send a fresh nonce: the states of this PE cannot be verified
-    UNLOCK = 5  # a = seconds for which NMT and SDO may write on this one PE
-    HOLDS = 6  # a = element kind, b = element index: it is latched; a phase is the present one. For a standby manager
+    WELCOME = 3  # a, b = upper and lower half of this command's number: the answer to the nonce of one PE
+    RENEW = 4  # the PE is to send a fresh nonce: the manager cannot verify its states
+    UNLOCK = 5  # a = seconds for which this one PE executes NMT commands and accepts SDO writes
+    HOLDS = 6  # a = element kind, b = element index: its fault is latched, or it is the phase. For a standby manager
 
 
 class ElementKind(IntEnum):
-    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order.
+    """Kinds of elements in EMCY and CONTROL; the index of an element counts in the spec's order.
 
-    A phase occurs only in requests. Of a channel the index is that of the bus among those of the reporting PE, and the
-    detail of the EMCY is the channel's number, from 1.
+    A phase occurs only in requests. For a channel, the index is that of its bus among the buses of the reporting PE,
+    and the detail of the EMCY is the channel's number, from 1.
     """
 
     PE = 0
@@ -87,22 +87,22 @@ class FaultCode(IntEnum):
     MODULE_OVERRUN = 0xFF02
     REPORTED = 0xFF03  # a module reports that an element has failed
     PARTITION_ENDED = 0xFF04  # the process of a module ended while it ran
-    MODULE_RESTARTED = 0xFF08  # no fault yet: a module has failed, and was built anew; the detail counts
-    CHANNEL_LOST = 0xFF09  # no fault of this PE: a channel of a replicated bus carries nothing here
+    MODULE_RESTARTED = 0xFF08  # not yet a fault: a module has failed, and was restarted; the detail counts the restarts
+    CHANNEL_LOST = 0xFF09  # not a fault of the PE: this PE hears nothing on a channel of a replicated bus
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
-    PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, requests a mission phase
+    PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
 
 
-FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
-RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: of the restart of a module, not of its failure
-REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
+FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that precedes the present one in the spec
+RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: it acknowledges the restart of a module, not its failure
+REQUEST_NUMBERS = 0x8000  # the other bits of that detail number the requests of a PE, modulo this
 
 
 _STEPS = {step.value: step.name for step in Step}
 _OPERATIONS = {operation.value: operation.name for operation in Operation}
 _KINDS = {kind.value: kind.name for kind in ElementKind}
 
-WELCOME_KIND = 7  # of a TAG: a CONTROL whose operation is WELCOME
+WELCOME_KIND = 7  # kind, in a TAG, of a CONTROL whose operation is WELCOME
 NUMBER_SPAN = 1 << 13  # a TAG shows the number of its command modulo this
 _TAGGED = {command.value: command.name for command in Command if command is not Command.TAG} | {WELCOME_KIND: "WELCOME"}
 
@@ -119,7 +119,7 @@ ACTIVATE = Layout("ACTIVATE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
 PING = Layout("PING", _TERM, Field("node", 8), Field("sequence", 8))
 CONTROL = Layout("CONTROL", _TERM, Field("node", 8), Field("operation", 8, _OPERATIONS), Field("a", 16), Field("b", 16))
 TAG = Layout("TAG", Field("kind", 3, _TAGGED), Field("number", 13), Field("tag", 48))
-# CiA 301 has the code little-endian; here its two bytes are two fields.
+# In CiA 301 the code is little-endian, so its two bytes are two fields here.
 EMCY = Layout(
     "EMCY",
     Field("code_low", 8),
@@ -133,7 +133,7 @@ EMCY = Layout(
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """The manager is active: `epoch` with `digest` is at `step` (protocol rule 4)."""
+    """A manager is active, and `epoch` with `digest` has reached `step` (protocol rule 4)."""
 
     term: int
     epoch: int
@@ -147,7 +147,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """The PEs that the manager has available, as node-IDs 92..125 (protocol rule 6)."""
+    """The PEs that the manager counts as available, as node-IDs 92..125 (protocol rule 6)."""
 
     term: int
     sequence: int
@@ -160,7 +160,7 @@ class Alive:
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """Stage a configuration: the contingency of this number; with 0 the slices follow."""
+    """Command all PEs to stage a configuration: contingency number `contingency`, or with 0 the slices that follow."""
 
     term: int
     epoch: int
@@ -188,7 +188,7 @@ class SliceHead:
 
 @dataclass(frozen=True, slots=True)
 class SliceBody:
-    """Five bytes of a slice: those from 5 (index - 1) on, filled up with zeros. Index 1..255."""
+    """Five bytes of a slice, from byte 5 (index - 1) on, padded with zeros; index 1..255."""
 
     node: int
     epoch_low: int
@@ -205,7 +205,7 @@ class SliceBody:
 
 @dataclass(frozen=True, slots=True)
 class Activate:
-    """Take the staged configuration into use, up to `step`."""
+    """Command all PEs to bring the staged configuration into use, up to `step`."""
 
     term: int
     epoch: int
@@ -219,7 +219,7 @@ class Activate:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Send both pages of the state now; node 0 addresses all PEs."""
+    """Command a PE to send pages 0 and 1 of its state now; node 0 addresses all PEs."""
 
     term: int
     node: int
@@ -257,7 +257,7 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give a and b of the ACKNOWLEDGE of this report, and of no other."""
+        """Give the a and b of the ACKNOWLEDGE that belongs to this report."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
@@ -278,18 +278,18 @@ COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
     Ping: Command.PING,
     Control: Command.CONTROL,
 }
-"""The command (identifier of its manager) under which each message is sent."""
+"""For each message the command that determines its identifier."""
 
 
 def is_newer(epoch: int, than: int) -> bool:
-    """Tell whether an epoch is newer than another, modulo 2^16; any epoch is newer than NO_EPOCH, which never is."""
+    """Tell whether an epoch is newer than another, modulo 2^16; NO_EPOCH is older than any epoch."""
     if NO_EPOCH in (epoch, than):
         return epoch != than and than == NO_EPOCH
     return 0 < (epoch - than) % 0x10000 < 0x8000
 
 
 def newest_epoch(epochs: Iterable[int]) -> int:
-    """Newest of some epochs that lie close together; NO_EPOCH where there are none."""
+    """Newest of some epochs, which must lie within 2^15 of each other; NO_EPOCH where there are none."""
     newest = NO_EPOCH
     for epoch in epochs:
         newest = epoch if is_newer(epoch, newest) else newest
@@ -302,7 +302,10 @@ def next_epoch(epoch: int) -> int:
 
 
 def decode_command(command: int, data: bytes) -> ManagementMessage | Malformed:
-    """Decode a management frame by its place among the ten identifiers of its manager (`identifiers.Command`)."""
+    """Decode the payload of a management frame.
+
+    `command` is its place among the ten identifiers of its manager (`identifiers.Command`).
+    """
     decoder = _DECODERS.get(command)
     if decoder is None:
         return Malformed(f"management command {command} is not assigned")
@@ -380,17 +383,17 @@ def is_welcome(control: bytes) -> bool:
 
 
 def control_node(data: bytes) -> int:
-    """Node that a CONTROL is for; it must have its length."""
+    """Node that a CONTROL addresses; the caller has checked the length of `data`."""
     return data[_CONTROL_NODE_AT]
 
 
 def slice_node(data: bytes) -> int:
-    """Node whose slice a SLICE carries a part of; it must have its length."""
+    """Node whose slice a SLICE carries a part of; the caller has checked the length of `data`."""
     return data[_NODE_AT]
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Term of an ALIVE and whether it names one node (92..125), which is all a PE needs; None for a wrong length."""
+    """Term of an ALIVE, and whether it names `node` (92..125): all that a PE needs of it. None for a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 
@@ -407,12 +410,12 @@ def decode_tag(data: bytes) -> tuple[int, int, int] | None:
 
 
 def tag_kind(data: bytes) -> int | None:
-    """Kind of command that a TAG names, by its first byte alone; None where it has none."""
+    """Kind of command that a TAG names, from its first byte; None where the TAG is empty."""
     return data[0] >> 8 - TAG.fields[0].bits if data else None
 
 
 def decode_emergency(data: bytes) -> Emergency | Malformed:
-    """Decode an EMCY frame; another maker's codes are malformed here, and only counted."""
+    """Decode the payload of an EMCY; `Malformed` where the code or the element is not one of this project."""
     fields = EMCY.unpack(data)
     if fields is None:
         return Malformed("EMCY has a wrong length")
@@ -420,7 +423,7 @@ def decode_emergency(data: bytes) -> Emergency | Malformed:
     try:
         return Emergency(FaultCode(high << 8 | low), register, ElementKind(kind), index, detail)
     except ValueError:
-        return Malformed("EMCY has a code or element that is not ours")
+        return Malformed("EMCY has a code or element of another maker")
 
 
 _CONTROL_NODE_AT, _ = CONTROL.span("node")

@@ -1,8 +1,8 @@
 """CANopen network management: its two messages (CiA 301, 7.2.8), and their bytes.
 
-A command has two bytes: its code, and the node that is to execute it, 0 for all nodes. A heartbeat has one byte: the
-state of its sender, and INITIALISING once, as the boot-up. `heronry_agent.core.network_management` decides what a PE
-does with a command.
+A command has two bytes: its code, and the node that is to execute it, 0 for all nodes. A heartbeat has one byte, the
+state of its sender; the first heartbeat after a start says INITIALISING (boot-up).
+`heronry_agent.core.network_management` decides what a PE does with a command.
 
 States: none.
 """
@@ -33,12 +33,12 @@ class NmtCommand(NamedTuple):
 
 
 def decode_command(data: bytes) -> NmtCommand | None:
-    """Read an NMT command with any code; None where it has another length."""
+    """Decode an NMT command, whatever its code; None where `data` has a wrong length."""
     return NmtCommand(*data) if len(data) == _COMMAND_BYTES else None
 
 
 def code_of(data: bytes) -> int:
-    """Code of an NMT command, which must have a byte."""
+    """Code of an NMT command; `data` must have at least one byte."""
     return data[0]
 
 
@@ -48,5 +48,5 @@ def encode_heartbeat(state: NmtState) -> bytes:
 
 
 def decode_heartbeat(data: bytes) -> int:
-    """Code of the state in a heartbeat, which must have a byte."""
+    """Code of the state in a heartbeat; `data` must have at least one byte."""
     return data[0]

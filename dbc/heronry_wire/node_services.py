@@ -2,16 +2,16 @@
 
 This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
 (CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
-its sender. Channel c has the identifiers 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115) for requests, and the
-next one for answers. Channel 110 is CANopen's (LSS) and is never used here.
+its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115), answers
+the next one. Channel 110 is CANopen's (LSS) and is never used here.
 
-States: none. Every node of this project answers IDS on channel 0; a PE answers TIS and STS there as well, and takes
-NSS. The other services are here so that tools can send requests to units of other makers, and show the answers. After a
-lost answer the sender of the request repeats it; V1.7 gives 100 ms. Every node answers a broadcast: in this project
-node n waits (n - 92) ms, so that the answers do not all start together.
+States: none. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and accepts NSS.
+The other services are here so that tools can send requests to units of other makers, and show the answers. If no answer
+comes within 100 ms (V1.7), the sender repeats the request. Every node answers a broadcast: in this project node n waits
+(n - 92) ms, so that the answers do not all start together.
 
-Blocks (DDS writes, DUS reads) are a start with the number of messages, data messages numbered from 0, and a
-checksum that names the last number. What V1.7 does not specify (number of the first message, range of the sum) follows
+A block (DDS writes it, DUS reads it) consists of a start with the number of messages, data messages numbered from 0,
+and a checksum under the last number. What V1.7 does not specify (number of the first message, range of the sum) follows
 the common C implementation: from 0, and the sum of all bytes modulo 2**32.
 """
 
@@ -68,7 +68,7 @@ class Result(IntEnum):
 
     @property
     def message_code(self) -> int:
-        """The byte of the message code, for the signed number."""
+        """This result as the byte of the message code."""
         return self & 0xFF
 
 
@@ -139,7 +139,7 @@ def answer(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Make the answer to a request, on its channel, of node `node_id`."""
+    """Make the answer of node `node_id` to a request, on the channel of the request."""
     datum = Datum(node_id, data_type, request.datum.service_code, message_code, value)
     return ServiceMessage(request.channel, is_answer=True, datum=datum)
 
@@ -160,7 +160,7 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
 
 
 def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
-    """Time in ns that a node waits before it answers: 0, or (n - 92) ms if all nodes were asked."""
+    """Time in ns that a node waits before it answers: 0, or (n - 92) ms if the request was for all nodes."""
     return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0
 
 

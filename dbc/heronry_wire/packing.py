@@ -36,18 +36,18 @@ class Unpacker:
             if byte < 0x80:
                 return number
             shift += 7
-        raise PackingError("the bytes end, or a number does not")
+        raise PackingError("the bytes end within a number, or a number has more than 70 bits")
 
     def numbers(self) -> list[int]:
-        """Read a count and so many numbers; raises PackingError."""
+        """Read a count, and then as many numbers; raises PackingError."""
         return [self.number() for _ in range(self.number())]
 
     def text(self) -> bytes:
-        """Read a count and so many bytes; raises PackingError."""
+        """Read a count, and then as many bytes; raises PackingError."""
         length = self.number()
         found = self._data[self._at : self._at + length]
         if len(found) < length:
-            raise PackingError("the bytes end before a text does")
+            raise PackingError("the bytes end within a text")
         self._at += length
         return found
 

@@ -2,8 +2,8 @@
 
 The agent knows no graph and no YAML. The table resolves the indices of a slice: modules and their modes and leaves,
 sources and their identifiers, and which nodes lie behind which bus. It is JSON text (UTF-8, stdlib only), written by
-`PeTable.to_json` and read by `PeTable.from_json`, which refuses a text that it does not understand with one sentence
-and never builds part of a table.
+`PeTable.to_json` and read by `PeTable.from_json`, which raises TableError for a text that it does not understand, and
+never builds part of a table.
 
 Indices: modules, devices and buses count in the spec's order, over the whole spec. A *source* is a pair (producing
 module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order of its
@@ -47,9 +47,9 @@ class Port:
     misses: int
     wireless: bool
     channels: int
-    nodes: tuple[int, ...]  # PEs that are reached through this port, directly or over gateways
+    nodes: tuple[int, ...]  # node-IDs of the PEs that are reached through this port, directly or over gateways
     data_per_mille: int = 700  # share of data in the bit rate (`max_load` - `reserve`); management has the rest
-    link_id: int | None = None  # of this PE's reports on a radio away from the manager; None: no reports
+    link_id: int | None = None  # identifier of this PE's reports on a radio away from the manager; None: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +84,10 @@ class ModuleEntry:
     demux: bool  # a branch of a DEMUX: its output is exclusive
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
-    silent_output: bool = False  # it serves a function without an actuator: only an echo shows that it runs
+    silent_output: bool = False  # its function has no actuator: only an output echo shows that it runs
     partition: str = ""  # modules of one partition share a process
-    ram: int = 0  # bytes, in the largest of its modes
-    restarts: int = 0  # how often it is built anew after a failure, before it is given up
+    ram: int = 0  # bytes, in the mode that takes most
+    restarts: int = 0  # how often the agent restarts it after a failure, before it counts as failed
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +97,8 @@ class SourceEntry:
     module: str
     variable: str
     identifier: int
-    period_ns: int  # the longest of the modes that give it: a slice does not name the mode of a remote producer
-    movable: bool = False  # its module may run beyond this PE and on this side: forwarding it up is exclusive
+    period_ns: int  # longest period of any mode that gives it: a slice does not name the mode of a remote producer
+    movable: bool = False  # its module may run beyond this PE or on this side, so forwarding its data up is exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class DeviceEntry:
 
 @dataclass(frozen=True, slots=True)
 class PhaseEntry:
-    """A mission phase, and its own rule: entered once `variable` was beyond a threshold for `hold_ns`."""
+    """A mission phase, and its rule: the phase is entered once `variable` has been beyond a threshold for `hold_ns`."""
 
     name: str
     variable: str | None = None  # None: no rule
@@ -131,7 +131,7 @@ class PhaseEntry:
 
 @dataclass(frozen=True, slots=True)
 class PeTable:
-    """All that one PE knows of a spec."""
+    """Everything that one PE knows of a spec."""
 
     format: int
     spec: str
@@ -146,11 +146,11 @@ class PeTable:
     sources: tuple[SourceEntry, ...]
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
-    module_names: tuple[str, ...]  # of the whole spec: the index in EMCY
+    module_names: tuple[str, ...]  # of the whole spec; EMCY uses their indices
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
     contingencies: str = ""  # contingencies on board (`contingency_block`), in base64
-    command_period_ns: int = 0  # of LEASE: the slowest heartbeat on its way (0: that of the uplink)
+    command_period_ns: int = 0  # period of LEASE: the slowest heartbeat on its way to this PE (0: that of the uplink)
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""
@@ -187,7 +187,7 @@ def _check(table: PeTable) -> None:
 
 
 def _faults(table: PeTable) -> Iterator[str]:
-    """Contradictions between the numbers of a table, each as a sentence; the types are already checked."""
+    """Find contradictions between the numbers of a table, each as a sentence; the types were checked before."""
     if table.node_id not in PE_NODES:
         yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):
@@ -198,9 +198,9 @@ def _faults(table: PeTable) -> Iterator[str]:
         yield from _port_faults(port)
     for source in table.sources:
         if classify(source.identifier).use not in (Use.STANDARD_DATA, Use.ALLOCATED_DATA):
-            yield f"{source.variable} of {source.module} has identifier {source.identifier}, which is not for data"
+            yield f"{source.variable} of {source.module} has identifier {source.identifier}, which is not one for data"
     if len({module.index for module in table.modules}) != len(table.modules):
-        yield "two modules have one index"
+        yield "two modules have the same index"
     numbered = dict(enumerate(table.module_names))
     for module in table.modules:
         if numbered.get(module.index) != module.name:
@@ -232,7 +232,7 @@ def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> It
 
 
 def _read(kind: Any, raw: Any, where: str) -> Any:
-    """Read plain JSON data as `kind`, strictly; raises TableError with the place."""
+    """Convert JSON data to the type `kind` without any coercion; raises TableError with the place."""
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind) and isinstance(raw, dict):
         return _read_record(kind, raw, where)
@@ -252,7 +252,7 @@ def _read(kind: Any, raw: Any, where: str) -> Any:
         return raw
     if kind is float and type(raw) is float and math.isfinite(raw):
         return raw
-    raise TableError(f"{where} holds {reprlib.repr(raw)}, which does not fit; {_REMEDY}")
+    raise TableError(f"{where} holds {reprlib.repr(raw)}, which has the wrong type; {_REMEDY}")
 
 
 def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:

@@ -1,7 +1,7 @@
 """From python-can to this project: its messages as frames, its errors as one sentence, and its count of lost frames.
 
-A back-end may raise anything: its own errors, the kernel's, a NameError where its library is missing. Where a remedy is
-known, it takes the place of the error's own text.
+A back-end may raise any exception: its own errors, those of the kernel, a NameError where its library is missing. Where
+a remedy is known, the sentence gives the remedy in place of the exception's text.
 """
 
 import errno
@@ -12,10 +12,10 @@ import can
 
 from heronry_wire.frame import Frame
 
-_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): nine counters, the last are frames dropped for want of room
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): the last of nine counters is frames dropped for want of room
 _REMEDIES = {
     errno.EAFNOSUPPORT: "this kernel has no CAN: use a software bus, or run under tools/with-vcan",
-    errno.ENODEV: "there is no such interface: 'ip link' lists those there are",
+    errno.ENODEV: "there is no such interface: 'ip link' lists the interfaces",
     errno.ENETDOWN: "the interface is down: 'ip link set NAME up' brings it up",
 }
 
@@ -39,7 +39,7 @@ def message_of(frame: Frame) -> can.Message:
 
 
 def frames_dropped(bus: can.BusABC) -> int:
-    """Number of frames that SocketCAN has dropped since the bus was opened; 0 for back-ends that do not tell."""
+    """Number of frames that SocketCAN has dropped since the bus was opened; 0 for other back-ends."""
     raw = getattr(bus, "socket", None)
     if not isinstance(raw, socket.socket):
         return 0
@@ -57,7 +57,7 @@ def is_full(error: Exception) -> bool:
 
 
 def sentence_of(error: BaseException) -> str:
-    """First line of an error, without a full stop, or its remedy where one is known."""
+    """Describe an error, without a full stop: the remedy where one is known, else the first line of the error."""
     code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
     if code in _REMEDIES:
         return _REMEDIES[code]

@@ -1,27 +1,28 @@
 """A replicated bus of one node: every frame goes out on both channels, and is taken once from either.
 
-For its caller this is one bus (`AnyLink`): the driver of a node sends a frame once and receives it once, from whichever
-channel brings it. `channel_merge` decides which copy is taken, and `channel_watch` which channel is lost. Each channel
-is a `Link` with a queue of its own, and neither waits for the other:
+To its caller a replicated link is one bus (`AnyLink`): the driver of a node sends a frame once and receives it once,
+from whichever channel brings it. `channel_merge` decides which copy is taken, and `channel_watch` which channel is
+lost. Each channel is a `Link` with a queue of its own, and neither waits for the other:
 
     both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
                    a quarter of a heartbeat period left to start, and is then dropped: a late copy is of no use
-    one lags       (noise, a queue that is full, an error-passive controller) its copies are dropped as they grow old.
-                   A frame that its controller already has cannot be withdrawn; a receiver withholds it if it is late
-    one is lost    (the interface is gone, bus-off, the wire is cut) only the reports change: `lost_channels` names the
-                   channel after `misses` heartbeats, and its link has an event. The link is opened again and again
+    one lags       (noise, a full queue, an error-passive controller) copies that wait too long on it are dropped. A
+                   frame that its controller already has cannot be withdrawn; a receiver withholds that frame if it
+                   comes late
+    one is lost    (the interface is gone, bus-off, the wire is cut) the bus goes on: `lost_channels` names the channel
+                   after `misses` heartbeats, and its link reports an event. The link tries to open the channel again
+                   and again
     both are lost  the bus is lost since the second channel was lost: `off_since_ns`. The return of one ends that
-    one returns    it sends and receives immediately, and late frames on it are withheld (`channel_merge`). It counts as
-                   lost until it has kept up for ten periods
+    one returns    the channel is used immediately, and late frames on it are withheld (`channel_merge`). The channel
+                   counts as lost until it has kept up for ten periods
 
-A break of this node's own wire, or of the sender's wire, has the same effect as one of the channel, for this node or
-for that sender.
+A break of this node's own wire affects this node, and a break of a sender's wire that sender, as a lost channel would.
 
 At the start one channel may be missing, since a node must come up in flight when a wire has failed: LinkError is raised
 only if neither can be opened.
 
-Not detected here: two nodes that have each lost another channel do not hear each other, while a third hears both. Each
-node reports its own loss, and the operator has to decide.
+Not detected here: if one node has lost channel 1 and another node channel 2, these two do not hear each other, while
+all other nodes hear both. Each node reports its own loss, and the operator has to decide.
 
 A bus with one channel is a plain `Link` (`open_link`), and none of this runs.
 """
@@ -53,7 +54,7 @@ class ReplicatedLink:
             raise LinkError("; ".join(f"{link.name} cannot be opened: {link.health.reason}" for link in self.links))
         self._watch = ChannelWatch(heartbeat_ns, misses, monotonic_ns())
         self._latest_copy_ns = latest_copy_ns(heartbeat_ns)
-        self._leaving = ChannelMerge(heartbeat_ns)  # decides which of two copies has left first
+        self._leaving = ChannelMerge(heartbeat_ns)  # tells which of the two copies of a frame leaves first
         self._departed: deque[int] = deque(maxlen=_DEPARTURES_KEPT)
         self.on_departure: Callable[[Frame, int, int], None] | None = None  # for first copies, as in `Link`
         for channel, link in enumerate(self.links):
@@ -108,22 +109,25 @@ class ReplicatedLink:
             link.pump(now_ns)
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers; one that a controller has stays there."""
+        """Remove the frames that wait under these identifiers from both queues.
+
+        A frame that a controller has is not affected.
+        """
         for link in self.links:
             link.withdraw(identifiers)
 
     def stand_back(self, until_ns: int) -> None:
-        """Hand over only frames with a higher priority than data until then, on both channels."""
+        """Hold data, and frames with a lower priority, in both queues until `until_ns`."""
         for link in self.links:
             link.stand_back(until_ns)
 
     def accept(self, identifiers: Collection[int]) -> None:
-        """Receive only frames of these 11-bit identifiers from now on, and the echoes of frames that are sent."""
+        """Receive only frames with these 11-bit identifiers from now on, and the echoes of this node's own frames."""
         for link in self.links:
             link.accept(identifiers)
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Take the frames that have arrived on either channel, without waiting, each frame once."""
+        """Read the frames that have arrived on either channel, each frame once, without waiting."""
         arrived = [(arrival, channel) for channel, link in enumerate(self.links) for arrival in link.receive(now_ns)]
         arrived.sort(key=lambda one: one[0].time_ns)
         taken = []
@@ -134,7 +138,7 @@ class ReplicatedLink:
         return taken
 
     def pump(self, now_ns: int) -> None:
-        """Hand over the next frame on each channel; called also when `next_deadline_ns` has come."""
+        """Hand over the next frame on each channel. The driver calls this after `send`, and at `next_deadline_ns`."""
         for link in self.links:
             link.pump(now_ns)
 
@@ -143,7 +147,7 @@ class ReplicatedLink:
         return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
 
     def departures_ns(self) -> list[int]:
-        """Time in ns of each frame that has left since the last call in the controller that sent it first."""
+        """Give, for each frame that has left since the last call, the ns in the controller that sent it first."""
         departed = list(self._departed)
         self._departed.clear()
         return departed
@@ -154,7 +158,7 @@ class ReplicatedLink:
             link.close()
 
     def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
-        """A frame has left on one channel: limit the time of its copy on the other."""
+        """Note that a frame has left on one channel, and limit how long its copy may wait on the other."""
         self._watch.left(channel, now_ns)
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
         if self._leaving.take(channel, frame, now_ns):

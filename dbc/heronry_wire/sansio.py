@@ -1,9 +1,9 @@
 """The vocabulary that every core shares with its driver: frames in, frames out, time.
 
 A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. It is called
-with `Tick` when its deadline has come, with `now_ns` never less than before. A driver hands over all frames that have
-arrived before it lets a deadline pass: a process that stood still must not take its own pause for the silence of all
-other nodes.
+with `Tick` when its deadline has come, with `now_ns` never less than before. Before a driver reports a deadline, it
+hands over all frames that have arrived: after a pause, a node must not conclude from its own pause that all other nodes
+were silent.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 
-NEVER_NS = 1 << 61  # a deadline that does not come: 73 years; it still fits into 64 bits
+NEVER_NS = 1 << 61  # the deadline that never comes: 73 years, which still fit into 64 bits
 
 
 class Received(NamedTuple):
-    """A frame arrived on a port (the position of the bus among those this node sits on).
+    """A frame has arrived on a port, which is the position of its bus among the buses of this node.
 
-    `age_ns` is how long ago: after a pause of the process a frame may be old, and no evidence of the present.
+    age_ns: time since the arrival. After a pause of the process a frame may be old, and say nothing about the present.
     """
 
     port: int
@@ -33,7 +33,7 @@ class Tick:
 class Send(NamedTuple):
     """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13).
 
-    `until_ns`, on the core's clock, is until when it may start; None: the driver's own time limit applies.
+    until_ns: time on the core's clock after which the frame is dropped instead; None: the driver's own limit applies.
     """
 
     port: int
@@ -43,10 +43,11 @@ class Send(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Withdraw:
-    """Withdraw the frames that still wait in this node's queues under these identifiers: they must not be sent now.
+    """Remove the frames that still wait in this node's queues under these identifiers: they must not be sent any more.
 
-    Another node may be about to send under them, and the next frame of this node (that it has stopped) is more urgent
-    than data, so it would overtake them. A frame already handed to the controller is ahead of all later ones.
+    Another node may be about to send under the same identifiers. The state frame in which this node reports that it has
+    stopped is more urgent than data, so it would overtake data frames in the queue. A frame that the controller already
+    has leaves before that report.
     """
 
     identifiers: frozenset[int]
@@ -54,10 +55,10 @@ class Withdraw:
 
 @dataclass(frozen=True, slots=True)
 class StandBack:
-    """Until then, on the core's clock, hand the controller of a port only frames with a higher priority than data.
+    """Until `until_ns`, on the core's clock, send only frames with a higher priority than data on a port.
 
-    A reconfiguration is on its way. A datum in the controller's mailbox cannot be withdrawn: the answer of this node
-    would wait behind it, and the datum behind the data of all other nodes.
+    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn: it
+    waits for the data of all other nodes, and the answer of this node to the manager would wait behind it.
     """
 
     port: int
@@ -65,14 +66,13 @@ class StandBack:
 
 
 class InvariantError(AssertionError):
-    """A core is in a state that must not occur; the message has the contradiction and the recent events."""
+    """A core is in a state that must not occur; the message gives the contradiction and the recent events."""
 
 
 def require(condition: bool, story: str, *facts: object) -> None:
-    """Check an invariant, with `python -O` too; raises InvariantError with the story.
+    """Check an invariant, also under `python -O`; raises InvariantError with the text `story`.
 
-    The facts take the places of `{}` in the story; the text is made only on failure, since cores are checked after
-    every step.
+    The facts replace each `{}` in the story. The text is formatted only on failure, because this runs after every step.
     """
     if not condition:
         raise InvariantError(story.format(*facts))

@@ -1,8 +1,8 @@
 """CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
 
-This file reads and writes the eight bytes of a message; the server (`heronry_agent.core.sdo_server`) acts on them. An
-SDO message has eight bytes, always: a command, then index (little-endian) and sub-index, then four bytes of data or a
-length; or a command and seven bytes of data.
+This file reads and writes messages; the server (`heronry_agent.core.sdo_server`) acts on them. An SDO message always
+has eight bytes: a command, index (little-endian), sub-index, and four bytes of data or a length; or a command and seven
+bytes of data.
 
     client  command (three bits)        server answers
     1       download, initiate          3
@@ -25,7 +25,7 @@ SEGMENT_BYTES = 7
 MOST_SEGMENTS = 127  # in one block
 EXPEDITED_BYTES = 4
 
-# First bytes: a command in its place, and the flags that may join it.
+# First byte of a message: the command in the upper three bits, and flags below it.
 DOWNLOAD, UPLOAD = 1 << 5, 2 << 5
 SEGMENT_DOWNLOAD, SEGMENT_UPLOAD = 0 << 5, 3 << 5
 BLOCK_DOWNLOAD, BLOCK_UPLOAD = 6 << 5, 5 << 5
@@ -52,7 +52,7 @@ class Abort(Enum):
 
     TOGGLE = 0x0503_0000  # the toggle bit has not alternated
     TIME_OUT = 0x0504_0000
-    COMMAND = 0x0504_0001  # no such command, or not in this place
+    COMMAND = 0x0504_0001  # there is no such command, or it is not allowed at this point of a transfer
     BLOCK_SIZE = 0x0504_0002
     SEQUENCE = 0x0504_0003
     CRC = 0x0504_0004
@@ -61,26 +61,26 @@ class Abort(Enum):
     WRITE_ONLY = 0x0601_0001
     READ_ONLY = 0x0601_0002
     NO_OBJECT = 0x0602_0000
-    LENGTH = 0x0607_0010  # not the length of the object, or not the length that was announced
+    LENGTH = 0x0607_0010  # the data do not have the length of the object, or not the length that was announced
     NO_SUB_INDEX = 0x0609_0011
     VALUE = 0x0609_0030
-    DEVICE_STATE = 0x0800_0022  # not in the present state of the device
+    DEVICE_STATE = 0x0800_0022  # the device cannot do this in its present state
     NO_DATA = 0x0800_0024
 
 
 def read_head(message: bytes) -> tuple[int, int, bytes]:
-    """Index, sub-index and last four bytes of a message that has them."""
+    """Give index, sub-index and the last four bytes of a message that opens a transfer or aborts one."""
     _, index, sub_index, rest = _HEAD.unpack(message)
     return index, sub_index, rest
 
 
 def command_of(message: bytes) -> int:
-    """First byte of a message: the command in its place, and its flags."""
+    """First byte of a message: the command in the upper three bits, and its flags."""
     return message[0]
 
 
 def read_length(rest: bytes) -> int:
-    """Length, or reason of an abort, that stands in the last four bytes of a message (`read_head`)."""
+    """Read the last four bytes of a message (`read_head`) as a number: a length, or the code of an abort."""
     return int.from_bytes(rest, "little")
 
 
@@ -90,7 +90,7 @@ def expedited_length(command: int) -> int:
 
 
 def segment_data(message: bytes) -> bytes:
-    """Data of a segment."""
+    """Data bytes of a segment, 1 to 7."""
     return message[1 : MESSAGE_BYTES - (message[0] >> 1 & 7)]
 
 
@@ -105,12 +105,12 @@ def unused_in_block(message: bytes) -> int:
 
 
 def block_acknowledged(message: bytes) -> tuple[int, int]:
-    """From the acknowledgement of a block: segments that have come in order, and segments of the next block."""
+    """Read the acknowledgement of a block: segments received in order, and segments in the next block."""
     return message[1], message[2]
 
 
 def block_size(rest: bytes) -> int:
-    """Segments in a block, from the last four bytes of the message that opens a block transfer."""
+    """Number of segments in a block, from the last four bytes of the message that opens a block transfer."""
     return rest[0]
 
 
@@ -120,12 +120,12 @@ def with_data(command: int, index: int, sub_index: int, data: bytes = b"") -> by
 
 
 def with_number(command: int, index: int, sub_index: int, number: int) -> bytes:
-    """Give a message with a length."""
+    """Give a message with a number, such as a length, in its last four bytes."""
     return _WITH_NUMBER.pack(command, index, sub_index, number)
 
 
 def abort_message(index: int, sub_index: int, reason: Abort) -> bytes:
-    """Give the message that ends a transfer."""
+    """Give the message that aborts a transfer."""
     return _WITH_NUMBER.pack(ABORT, index, sub_index, reason.value)
 
 
@@ -135,7 +135,7 @@ def segment(command: int, data: bytes) -> bytes:
 
 
 def block_end(command: int, checksum: int = 0) -> bytes:
-    """Give the message that ends a block transfer, with its checksum where it has one."""
+    """Give the message that ends a block transfer, with the checksum of its data if that is used."""
     return _BLOCK_END.pack(command, checksum)
 
 

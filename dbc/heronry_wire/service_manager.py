@@ -1,9 +1,9 @@
 """Reports of a node to systemd, if systemd started it: ready, alive, and a status (sd_notify(3)).
 
-Reports are datagrams to the UNIX socket that NOTIFY_SOCKET names; without it no method has an effect. `lives` is called
-where a heartbeat leaves, and nowhere else: so systemd kills and restarts a node whose heartbeats stop (WatchdogSec=),
-even if other parts of it still run. A lost report is repeated: systemd waits for WATCHDOG_USEC, and the node reports
-four times in it.
+Reports are datagrams to the UNIX socket that NOTIFY_SOCKET names; without NOTIFY_SOCKET no method has an effect. Only
+the code that sends a heartbeat calls `lives`, so systemd kills and restarts a node whose heartbeats stop
+(WatchdogSec=), even if other parts of the node still run. A lost report does no harm: the node sends four in the time
+that systemd waits (WATCHDOG_USEC).
 """
 
 import os
@@ -19,7 +19,7 @@ class ServiceManager:
     """Sends the reports of one node to systemd."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
-        """Read the address; NOTIFY_SOCKET may be a path, or an abstract name that begins with '@'."""
+        """Read the address from NOTIFY_SOCKET, which may be a path, or an abstract name that begins with '@'."""
         place = environment.get("NOTIFY_SOCKET", "")
         self._address = f"\0{place[1:]}" if place.startswith("@") else place
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) if place else None
@@ -29,7 +29,7 @@ class ServiceManager:
         self._is_ready = False
 
     def lives(self, now_ns: int) -> None:
-        """A heartbeat has left: the first one reports this node ready, later ones reset the watchdog."""
+        """Note that a heartbeat has left: the first one reports this node ready, later ones reset the watchdog."""
         if self._socket is None:
             return
         if not self._is_ready:

@@ -1,12 +1,12 @@
 """A bus that is slow to open, opened in a thread while its node goes on.
 
-Some back-ends of python-can wait for their hardware: slcan gives its modem two seconds, and a socketcand has two for
-each of its answers. A node that has lost such a bus has others to serve meanwhile: a gateway whose radio is gone must
-not fall silent on its aircraft's bus. So a thread opens the bus, and the node polls for the result.
+Some back-ends of python-can wait for their hardware: slcan waits two seconds for its modem, and socketcand up to two
+for each answer of its server. Meanwhile the node must serve its other buses: a gateway whose radio is gone must not
+fall silent on the aircraft's bus. So a thread opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
     done        `result` is the bus, or the error; the thread has ended
-    abandoned   the result is not wanted any more: if the thread still opens the bus, it closes it again
+    abandoned   the node does not want the bus any more: if the thread still opens the bus, it closes the bus again
 
 The thread ends with the process, in any state.
 """
@@ -29,7 +29,7 @@ class SlowOpening:
         Thread(target=self._run, args=(open_bus,), daemon=True).start()
 
     def abandon(self) -> None:
-        """Give the opening up: the bus is closed when it is open."""
+        """Give up the opening: if the thread still opens the bus, it closes the bus again."""
         with self._lock:
             self._is_wanted = False
             opened, self.result = self.result, None

@@ -1,10 +1,9 @@
 """A bus behind a socketcand (github.com/linux-can/socketcand): TCP, spoken by python-can.
 
-The bus is named by its channel, INTERFACE@HOST:PORT; if the channel names no server, can.conf must. This file does what
-python-can leaves to its caller. python-can alone would wait for its server without end, and try to reach it without a
-pause: here a missing server is an error immediately, and a silent one after `SERVER_S`. And python-can does not give
-its connection, which is needed to wait for frames, and to see that the server has closed it: a closed connection stays
-readable.
+The bus is named by its channel, INTERFACE@HOST:PORT; if the channel names no server, can.conf must. python-can alone
+would try to reach its server again and again without a pause, and wait for an answer for ever. Here a missing server is
+an error immediately, and a silent server after `SERVER_S`. This file also takes the connection out of python-can: a
+node needs it to wait for frames, and to notice that the server has closed it, since a closed connection stays readable.
 """
 
 import logging
@@ -20,11 +19,11 @@ SERVER_S = 2.0  # limit for an answer of the server
 
 
 def open_at_server(config: Mapping[str, Any]) -> can.BusABC:
-    """Open the bus of these keyword arguments of python-can; raises any exception of python-can, or ValueError."""
+    """Open the bus that python-can's keyword arguments describe; raises ValueError, or any exception of python-can."""
     place = _at_its_server(config)
     if "host" in place:
         socket.create_connection((place["host"], place["port"]), SERVER_S).close()
-    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every split frame
+    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of frames that arrive in parts
     before_s = socket.getdefaulttimeout()
     socket.setdefaulttimeout(SERVER_S)
     try:

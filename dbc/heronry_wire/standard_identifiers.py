@@ -1,10 +1,10 @@
 """The standard identifiers 300..1499: name, types, unit and notes.
 
-This file looks up the default identifier distribution of CANaerospace V1.7, sections 5.1 to 5.10, which lies in
-`nod.csv` beside it, with its source and the corrections named at its head. The list is read at the first look-up, so
-that an agent that needs no look-up does not read it.
+This file looks up the default identifier distribution of CANaerospace V1.7, sections 5.1 to 5.10, which is stored in
+`nod.csv` beside this file; the head of `nod.csv` names the source and the corrections. The list is read at the first
+look-up, so an agent that needs no look-up never reads it.
 
-An identifier that is not in the list is reserved, or not assigned: a spec must not use it for a variable.
+An identifier that is not in the list is reserved or not assigned, and a spec must not give it to a variable.
 """
 
 import csv

@@ -2,16 +2,16 @@
 
     page 0   the running configuration: every period, on each of its buses
     page 1   the staged configuration, or why there is none, and the load: on change and with every tenth page 0
-    page 2   with a key: the nonce of a PE that asks for a fresh start
-    page 3   with a key: the digest of what runs, and the number of refused commands
+    page 2   with a key: the nonce with which a PE requests a new session
+    page 3   with a key: the digest of the running configuration, and the number of refused commands
 
-Every page begins with one byte (`_HEAD`): the number of the page, what the PE does with its epoch, and its flags. A new
+Every page begins with one byte (`_HEAD`): the number of the page, the PE's progress in its epoch, and its flags. A new
 flag is a bit of that byte and a member of `PeFlags`; a new field of a page is a `Field` of its layout and one of its
 dataclass, in the same order.
 
 With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
 `joined_state` take it out and put it in. A caller that needs a single field of a page quickly uses one of the functions
-below: only this file knows the positions of the bytes.
+below, because only this file knows the positions of the bytes.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -48,12 +48,12 @@ class Reason(IntEnum):
 
     NONE = 0
     INCOMPLETE = 1  # frames of the slice are missing: send it again
-    DIGEST = 2  # the bytes do not have the digest announced, or the table is another spec's
+    DIGEST = 2  # the bytes do not have the announced digest, or the PE has the table of another spec
     UNKNOWN_INDEX = 3  # the slice has an index that the table does not have
-    IMAGE = 4  # an image cannot be loaded here
+    IMAGE = 4  # this PE cannot load an image
     STALE_TERM = 5  # a higher term has been heard
     STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
-    NOT_ON_BOARD = 7  # the table has no such contingency under this number: send the slice
+    NOT_ON_BOARD = 7  # the PE's table does not have this contingency under this number: send the slice
 
 
 _STATES = {state.value: state.name for state in PeState}
@@ -95,7 +95,7 @@ class StatePage0:
 
 @dataclass(frozen=True, slots=True)
 class StatePage1:
-    """The epoch of the last PREPARE, its staged digest (0: not yet) or why not, and the CPU load in per cent."""
+    """The epoch of the last PREPARE, its staged digest (0: none yet) or why there is none, and the CPU load in %."""
 
     state: PeState
     flags: PeFlags
@@ -113,7 +113,7 @@ class StatePage1:
 
 @dataclass(frozen=True, slots=True)
 class StatePage2:
-    """A PE with a key asks for a fresh start: the manager answers its nonce with WELCOME (protocol rule 11)."""
+    """A PE with a key requests a new session; the manager answers its nonce with WELCOME (protocol rule 11)."""
 
     state: PeState
     flags: PeFlags
@@ -126,7 +126,7 @@ class StatePage2:
 
 @dataclass(frozen=True, slots=True)
 class StatePage3:
-    """With a key: the digest of what runs; commands refused modulo 2^16, for an invalid tag and for other reasons."""
+    """With a key: digest of what runs, and commands refused for invalid tags and other reasons (modulo 2^16)."""
 
     state: PeState
     flags: PeFlags
@@ -151,27 +151,27 @@ def decode_state(data: bytes) -> StatePage | Malformed:
 
 
 def page_of(data: bytes) -> int | None:
-    """Tell which page a state frame is, by its first byte alone; None where it has none."""
+    """Number of the page, from the first byte of a state frame; None where the frame is empty."""
     return _HEADS[data[0]][0] if data else None
 
 
 def epoch_of(page_0: bytes) -> int:
-    """Epoch that a page 0 names; it must have its length."""
+    """Epoch that a page 0 names; the caller has checked the length of the page."""
     return int.from_bytes(page_0[_EPOCH_FROM:_EPOCH_TO], "big")
 
 
 def sequence_of(page_0: bytes) -> int:
-    """Sequence of a page 0, which may be cut behind it."""
+    """Sequence of a page 0; the bytes behind the sequence may be missing."""
     return page_0[_SEQUENCE_FROM]
 
 
 def without_sequence(data: bytes) -> bytes:
-    """Give the bytes of a page 0 without its sequence; of any other page, without the byte in that place."""
+    """Give a page without the byte that holds the sequence in page 0, so that repeated states compare equal."""
     return data[:_SEQUENCE_FROM] + data[_SEQUENCE_TO:]
 
 
 def split_state(data: bytes) -> tuple[bytes, int]:
-    """Give the bytes of a page 0 or 1 without its digest, and the number in that place: the tag."""
+    """Split a tagged page 0 or 1 into its bytes without the tag, and the tag (in the place of the digest)."""
     first, after = _tag_place(data)
     return data[:first] + data[after:], int.from_bytes(data[first:after], "big")
 
@@ -211,7 +211,7 @@ def _head(byte: int) -> tuple[int, PeState | None, PeFlags]:
 
 
 _NO_STATE = Malformed("STATE has a wrong length or state")
-_HEADS = tuple(_head(byte) for byte in range(256))  # by the first byte: this is hot
+_HEADS = tuple(_head(byte) for byte in range(256))  # by the first byte; precomputed for speed
 _PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
 _EPOCH_FROM, _EPOCH_TO = STATE_0.span("epoch")
 _SEQUENCE_FROM, _SEQUENCE_TO = STATE_0.span("sequence")

@@ -5,8 +5,8 @@ one bus the longest time from the moment a message is due until its last bit has
 
 Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
 (ISO 11898-1). Start-of-frame to CRC is stuffed: after five equal bits one of the other kind is sent, which may itself
-be the first of the next five. Of the 47 + 8n bits of an 11-bit frame 34 + 8n are stuffed, of the 67 + 8n of a 29-bit
-frame 54 + 8n.
+be the first of the next five. With n data bytes, 34 + 8n of the 47 + 8n bits of an 11-bit frame are subject to
+stuffing, and 54 + 8n of the 67 + 8n bits of a 29-bit frame.
 
 Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
 analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in the
@@ -18,15 +18,15 @@ that has just started, and for every frame of higher priority that is queued bef
     queueing delay w(q) = B + q C + sum over all above of ceil((w(q) + J + tau) / T) C
     response       R    = max over q in 0..Q-1 of J + w(q) - q T + C
 
-All times are bit times (tau = 1) and exact: rationals go in and come out, in between they are integers on one common
-denominator. Both equations ask for the least fixed point, which is found by letting a window of time grow with what
-is released inside it (`_Window`); the window of one priority is where the next one starts.
+All times are bit times (tau = 1) and exact: arguments and results are rationals, and in between all times are integers
+on one common denominator. Both equations ask for the least fixed point. It is found with a window of time that grows
+with the messages released inside it (`_Window`); each priority starts from the window of the priority above.
 
-The analysis assumes that every node sends by priority, not first-in-first-out. It does not consider offsets between
-messages (the result is safe, and exact for unrelated clocks), and errors only if they are given (`Errors`).
+The analysis assumes that every node sends by priority, not first-in-first-out. It ignores offsets between messages (the
+result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
-A level that loads the bus to within 1/10 000 of all that it can carry counts as overload, and its response as
-unbounded: the quartzes of two nodes differ by as much, and the busy period grows without limit towards it.
+If a message and all above it load the bus to more than 9 999/10 000, the response time of that message counts as
+unbounded: the quartzes of two nodes differ by as much, and near full load the busy period grows without limit.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Start a frame: bits without those of its data and their stuff bits, CRC so far, state of the stuffing."""
+    """Start a frame: give its bits without data and their stuff bits, the CRC so far, and the stuffing state."""
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
@@ -95,7 +95,7 @@ def _crc_table() -> list[int]:
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
-    """Send bits one by one; give how many were stuffed in between, and the state that is left."""
+    """Send bits one by one; give the number of stuff bits inserted, and the final state of the stuffing."""
     stuffed = 0
     for bit in bits:
         last, run = bit, run + 1 if bit == last else 1
@@ -104,7 +104,7 @@ def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     return stuffed, last, run
 
 
-# The states of the stuffing: the last bit, and the length of its run. A CRC has 15 bits: a byte and 7.
+# A state of the stuffing is the last bit and the length of its run. The 15 bits of a CRC are a byte and 7 bits.
 _STATES = [(last, run) for last in "01" for run in range(1, 5)]
 _AFTER_BYTE = [_stuff(f"{byte:08b}", *state) for state in _STATES for byte in range(256)]
 _STUFFED = bytes(stuffed for stuffed, _, _ in _AFTER_BYTE)  # by state and byte (state << 8 | byte)
@@ -116,8 +116,8 @@ _CRC_TABLE = _crc_table()
 class Message(NamedTuple):
     """A periodic (or sporadic) message; all times in bit times of its bus, exact.
 
-    bits: its longest frame, with intermission. period: the shortest time between two of it. jitter: how late it can be
-    queued after it was due. deadline: counted from when it was due; it may be longer than the period.
+    bits: length of its longest frame, with intermission. period: shortest time between two instances. jitter: longest
+    time from when an instance is due until it is queued. deadline: from when an instance is due; may exceed the period.
     """
 
     name: str
@@ -128,7 +128,7 @@ class Message(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """How often frames are destroyed: at most `burst` (1 or more) at once, and one more each `interval` bit times."""
+    """How often errors destroy frames: at most `burst` (1 or more) at once, and one per `interval` bit times."""
 
     burst: int
     interval: Exact
@@ -144,7 +144,7 @@ class Response(NamedTuple):
 
 
 class _Stream(NamedTuple):
-    """A message on the common denominator."""
+    """The numbers of a message on the common denominator; `cost` is the length of its frame."""
 
     cost: int
     period: int
@@ -153,10 +153,10 @@ class _Stream(NamedTuple):
 
 
 class _Window:
-    """A time window that grows with the messages released in it.
+    """A time window that grows by the messages released in it.
 
-    Releases strictly before `length + ahead` count; `due` is a heap of the first one of each stream that does not
-    count yet. It only grows, so every release is counted once.
+    Releases strictly before `length + ahead` count. `due` is a heap with the next release of each stream that does not
+    count yet. The window only grows, so every release is counted once.
     """
 
     __slots__ = ("ahead", "due", "length")
@@ -167,7 +167,7 @@ class _Window:
         self.due = due
 
     def admit(self, cost: int, period: int, jitter: int) -> None:
-        """Add a stream whose first instance is released at -jitter; that one always counts."""
+        """Add a stream; its first instance is released at -jitter and always counts."""
         count = max(1, -(-(self.length + self.ahead + jitter) // period))
         self.length += count * cost
         heappush(self.due, (count * period - jitter, period, cost))
@@ -187,7 +187,10 @@ class _Window:
 
 
 class _Level(NamedTuple):
-    """What delays a priority level beside messages: when one of these changes, its windows start anew."""
+    """What delays a priority level besides messages.
+
+    Where one of these differs from the level above, the windows start anew.
+    """
 
     blocking: int
     error_cost: int  # 0: no errors
@@ -195,9 +198,9 @@ class _Level(NamedTuple):
 
 
 def analyse(messages: Sequence[Message], *, blocking_bits: int = 0, errors: Errors | None = None) -> list[Response]:
-    """Give the response time of each message, in the order given, which is the order of priority, highest first.
+    """Give the response time of each message; `messages` are in order of priority, highest first.
 
-    blocking_bits: longest frame on the bus with less priority than any of these (0: there is none).
+    blocking_bits: longest frame on the bus with a lower priority than all of these (0: there is none).
     errors: errors that the bus must tolerate (None: no errors).
     Raises WireError for a message without a length or a period.
     """
@@ -262,7 +265,7 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
 
 
 def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
-    """Give how many messages, from the top, load the bus less than it can carry."""
+    """Give how many messages, from the highest priority down, load the bus by less than all that it can carry."""
     whole = lcm(interval, *(stream.period for stream in streams))
     load = 0
     for index, (stream, level) in enumerate(zip(streams, levels, strict=True)):
@@ -284,7 +287,7 @@ def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_S
 
 
 def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
-    """Give the longest response among the instances in the busy period, and how many there are."""
+    """Give the longest response time among the instances in the busy period, and the number of these instances."""
     instances = -(-(busy + stream.jitter) // stream.period)
     worst = delay = queue.length
     if instances > 1:

@@ -3,10 +3,9 @@
 SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would wait for all of them, and the timing
 analysis would not hold. So every sender keeps its frames here and hands over one at a time.
 
-Frames of one identifier stay in their order. The queue is bounded: frames that do not fit are dropped, the least urgent
-and newest first, and counted; a bus that carries no frames must not fill the memory. A frame may have a time until
-which it is of use: later it is dropped too, so that a frame that waited through a pause of its sender does not go out
-as if it were new.
+Frames of one identifier stay in their order. The queue is bounded, so that a bus that carries no frames does not fill
+the memory: a full queue drops the least urgent and newest frame, and counts it. A frame may have an expiry time, after
+which it is dropped too: a frame that waited through a pause of its sender must not go out as if it were new.
 
 A sender may hold data back for a moment: data, and frames with a lower priority, then stay in the queue.
 """
@@ -18,17 +17,17 @@ from heronry_wire.identifiers import STANDARD_DATA_IDS
 
 CAPACITY = 512
 _FOR_EVER_NS = 1 << 63
-FIRST_HELD_BACK = arbitration_key(Frame(STANDARD_DATA_IDS[0], b""))  # arbitration key
+FIRST_HELD_BACK = arbitration_key(Frame(STANDARD_DATA_IDS[0], b""))  # arbitration key of the most urgent data frame
 
 
 class TransmitQueue:
     """Frames that wait, the most urgent first."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
-        self.dropped = 0  # because the queue was full
+        self.dropped = 0  # frames dropped because the queue was full
         self.expired = 0
         self._capacity = capacity
-        self._frames: list[tuple[int, int, Frame, int]] = []  # the most urgent at the end; the last is when it expires
+        self._frames: list[tuple[int, int, Frame, int]] = []  # the most urgent last; each ends with its expiry time
         self._count = 0
         self.stands_back_until_ns = 0
 
@@ -36,7 +35,7 @@ class TransmitQueue:
         return len(self._frames)
 
     def push(self, frame: Frame, until_ns: int | None = None) -> None:
-        """Add a frame, of use until `until_ns`; if the queue is full the least urgent frame is dropped."""
+        """Add a frame that expires at `until_ns`; if the queue is full, the least urgent frame is dropped."""
         self._count += 1
         insort(
             self._frames, (-arbitration_key(frame), -self._count, frame, _FOR_EVER_NS if until_ns is None else until_ns)
@@ -46,7 +45,7 @@ class TransmitQueue:
             self.dropped += 1
 
     def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
-        """Shorten the time in which the first such frame is of use; drop the frames whose time is over."""
+        """Let the first frame equal to `frame` expire by `until_ns`, and drop the frames that have expired."""
         kept = [one for one in self._frames if one[3] >= now_ns]
         self.expired += len(self._frames) - len(kept)
         self._frames = kept
@@ -57,17 +56,20 @@ class TransmitQueue:
                 return
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw every 11-bit frame with one of these identifiers."""
+        """Remove every 11-bit frame with one of these identifiers."""
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
 
     def clear(self) -> int:
-        """Drop every frame; gives their number."""
+        """Drop all frames, and give their number."""
         count = len(self._frames)
         self._frames.clear()
         return count
 
     def first(self, now_ns: int) -> Frame | None:
-        """Give the most urgent frame that is still of use and may go now, but keep it; None if there is none."""
+        """Give the most urgent frame that may be sent now, without removing it; None if there is none.
+
+        Expired frames are dropped.
+        """
         while self._frames and self._frames[-1][3] < now_ns:
             self._frames.pop()
             self.expired += 1
@@ -76,5 +78,5 @@ class TransmitQueue:
         return self._frames[-1][2]
 
     def pop(self) -> Frame:
-        """Remove and give the most urgent frame; raises IndexError where there is none."""
+        """Remove the most urgent frame and give it; raises IndexError where the queue is empty."""
         return self._frames.pop()[2]

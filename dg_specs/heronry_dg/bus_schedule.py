@@ -1,13 +1,13 @@
-"""Every message on a bus, with its worst-case response time: data, and what manages them.
+"""Every regular message on a bus, data and management, with its worst-case response time.
 
-The data and what stands above them are those of semantics rule 9 (`response_times`), under the identifiers that they
-really have: LEASE and ALIVE of a manager, the state of each PE on the bus. Below the data come the CANopen heartbeats,
-once a second; semantics rule 9 counts them, and all else below the data, as one 8-byte frame that has just started.
-Response times count from when a message is due at its source; that of a datum on its second bus holds the first one's
-as well.
+Data, and the management frames with a higher priority (LEASE and ALIVE of a manager, the state of each PE on the bus),
+are those of semantics rule 9 (`response_times`), listed here under their identifiers. The CANopen heartbeats, once a
+second, have a lower priority than data; semantics rule 9 counts them, and all other frames below the data, as one
+8-byte frame that has just started. A response time counts from when a message is due at its source, so the response
+time of a datum on its second bus includes that on the first.
 
-What is not regular has no line of its own: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL go out within the room that
-the reserve leaves, and outputs are echoed below everything.
+Messages that are not regular are not listed: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL use the bandwidth of the
+reserve, and output echoes have a lower priority than everything else.
 """
 
 from collections.abc import Iterable, Mapping
@@ -35,32 +35,32 @@ class ScheduledMessage:
 
     identifier: int
     kind: str  # management | data | heartbeat
-    name: str  # the variable, or what the frame is
-    producer: str | None  # the module
+    name: str  # name of the variable, or of the management frame
+    producer: str | None  # the module that gives the variable
     node: str  # the PE that sends it at its source, or "manager"
     data_bytes: int
     bits: int  # of its longest frame
     period_ns: int
-    response_ns: int | None  # None: it has no bound, or the bus is not analysed
+    response_ns: int | None  # None: unbounded, or the bus is not analysed
     deadline_ns: int
 
     @property
     def slack_ns(self) -> int | None:
-        """What is left of the deadline in ns; negative where it can be missed."""
+        """Deadline minus response time in ns, negative where the deadline can be missed; None where unbounded."""
         return None if self.response_ns is None else self.deadline_ns - self.response_ns
 
 
 @dataclass(frozen=True, slots=True)
 class BusSchedule:
-    """What one bus carries; shares are of its bit rate."""
+    """The messages of one bus and its load; shares are fractions of the bit rate."""
 
     bus: Bus
     is_up: bool
     messages: tuple[ScheduledMessage, ...]  # most urgent first
     data: Fraction
-    data_limit: Fraction  # max_load - reserve, or what is left of it
-    management: Fraction  # everything regular that is not data
-    blocking_ns: int  # the longest frame that may just have started
+    data_limit: Fraction  # max_load - reserve, reduced where the bus is limited
+    management: Fraction  # all regular messages that are not data
+    blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
         """Share of the bit rate that a message takes at most."""
@@ -68,13 +68,13 @@ class BusSchedule:
 
     @property
     def reserve_left_frames_per_s(self) -> int:
-        """Longest frames a second that the reserve still has room for; 0 where it is exceeded."""
+        """Number of 8-byte frames per second for which the reserve still has room; 0 where it is exceeded."""
         left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
         return max(0, int(left))
 
 
 def bus_schedules(spec: Spec, now: Situation, configuration: Configuration) -> list[BusSchedule]:
-    """Return what every bus of the spec carries under a configuration, whose names must exist in the spec.
+    """Compute the schedule of every bus of the spec under a configuration, whose names must exist in the spec.
 
     Raises WireError where the spec has more sources than identifiers.
     """
@@ -131,7 +131,7 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """When the datum of a hop comes to its bus at the latest; a wireless bus before it adds nothing."""
+    """Latest time at which the datum of a hop comes to its bus; a wireless bus before that one adds nothing."""
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
     return 0 if before is None else before.response_ns
 
@@ -139,7 +139,7 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Put the regular frames around the data, with response times of their own where the bus is wired."""
+    """Add the regular management frames to the data of a bus; with response times where the bus is wired."""
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":
         bounded = [ns for ns in jitters if ns is not None]
@@ -151,7 +151,7 @@ def _messages(
 
 
 def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
-    """LEASE, ALIVE and the states of the PEs on a bus; to other buses than the manager's a gateway passes them on."""
+    """LEASE, ALIVE and the states of the PEs on a bus; a gateway forwards LEASE and ALIVE from the manager's bus."""
     lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
     nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
     period_ns = bus.heartbeat_ns

@@ -1,6 +1,6 @@
 """A configuration: which modules run, each in one mode on one PE, and what each of their inputs is wired to.
 
-It is only a value: `verify` tells whether it is legal, `objective` how good it is.
+A configuration is only a value: `verify` tells whether it is legal, and `objective` how good it is.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ from heronry_dg.model import Mode, Spec
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """Where an input comes from: a running producer, and the version of the variable its mode gives."""
+    """What an input is wired to: a variable of a running producer, in the version that the producer's mode gives."""
 
     producer: str
     variable: str
@@ -20,11 +20,11 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """One running module."""
+    """One running module: its PE, its mode, and the wires of its inputs."""
 
     pe: str
     mode: str
-    inputs: Mapping[str, Wire] = field(default_factory=dict)  # leaf path -> wire; a leaf not listed is not wired
+    inputs: Mapping[str, Wire] = field(default_factory=dict)  # leaf path -> wire; without the leaves that are not wired
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Configuration:
         return spec.modules[module].modes[self.modules[module].mode]
 
     def wires(self) -> Iterator[tuple[str, str, Wire]]:
-        """Every (consumer, leaf path, wire)."""
+        """Give every wire as (consumer, leaf path, wire)."""
         for consumer, running in self.modules.items():
             for path, wire in running.inputs.items():
                 yield consumer, path, wire

@@ -1,7 +1,7 @@
-"""Cycles in a directed graph: which nodes lie on one, and one to show.
+"""Finds cycles in a directed graph: the nodes that lie on a cycle, and a shortest cycle to show.
 
-A graph is a map from each node to the nodes it points to. Everything here walks without recursion, since a hostile spec
-may hold a chain as long as the file.
+A graph is a map from each node to the nodes that it points to. Nothing here is recursive, since a hostile spec may hold
+a chain as long as the file.
 """
 
 from collections import deque
@@ -12,7 +12,7 @@ N = TypeVar("N")
 
 
 def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
-    """Strongly connected components (Tarjan 1972); each one comes after those that it points to.
+    """Give the strongly connected components (Tarjan 1972); each component comes after those that it points to.
 
     The nodes of a component are in the order of the graph.
     """
@@ -20,7 +20,7 @@ def components(graph: Mapping[N, Collection[N]]) -> list[list[N]]:
 
 
 def shortest_cycle(graph: Mapping[N, Collection[N]], component: Collection[N]) -> list[N]:
-    """A shortest cycle through the first node of a strongly connected component; empty where there is none."""
+    """Give a shortest cycle through the first node of a strongly connected component; empty where there is none."""
     inside = set(component)
     first = next(iter(component))
     parents: dict[N, N] = {}
@@ -44,13 +44,13 @@ def _way_back(parents: Mapping[N, N], first: N, last: N) -> list[N]:
 
 
 class _Tarjan(Generic[N]):
-    """One run of the algorithm; `path` holds what would be the stack of calls."""
+    """One run of the algorithm, with an explicit stack of calls."""
 
     def __init__(self, graph: Mapping[N, Collection[N]]) -> None:
         self._graph = graph
         self._rank = {node: rank for rank, node in enumerate(graph)}
         self._entered: dict[N, int] = {}
-        self._low: dict[N, int] = {}  # the earliest entered node that a node is known to lead back to
+        self._low: dict[N, int] = {}  # number of the earliest node to which a node is known to lead back
         self._open: dict[N, None] = {}  # entered, and not yet in a component; in the order of entry
         self._found: list[list[N]] = []
 

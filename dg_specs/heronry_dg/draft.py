@@ -1,10 +1,10 @@
-"""A spec half read: every element with its place, and its fields where they made sense.
+"""The draft of a spec, between file and model: every element with its place, and its fields where they are correct.
 
-Elements are read one by one, so that a mistake in one leaves the others readable. One with a mistake stays in the draft
-by name, with `form` None ("broken"): a reference to it is not an unknown name, and code that needs its fields skips it
-without a finding.
+Elements are read one by one, so that a mistake in one element does not affect the others. An element with a mistake
+stays in the draft by name, with `form` None ("broken"). So a reference to a broken element is not an unknown name, and
+code that needs its fields skips it without a finding.
 
-Here pydantic's errors become findings: each is translated into a sentence about the field, at the place of its value.
+This file also translates each error of pydantic into a finding about the field, at the place of its value.
 """
 
 import re
@@ -34,7 +34,7 @@ _PRINTABLE: Final = (
     "1 to 64 printable characters without quotes and backslashes",
     "leave out quotes, backslashes and invisible characters",
 )
-_WANTED: Final = {  # per type of pydantic error: the rule, what was wanted, and a hint
+_WANTED: Final = {  # by type of pydantic error: the rule, the value that was expected, and a hint
     "bool_type": (rules.WRONG_TYPE, "true or false", "write true or false, without quotes"),
     "dict_type": (rules.NOT_A_MAP, "a map", "write {{key: value}}"),
     "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", "write a number above {gt}"),
@@ -54,7 +54,7 @@ _WANTED: Final = {  # per type of pydantic error: the rule, what was wanted, and
 
 @dataclass(frozen=True, slots=True)
 class Element(Generic[F_co]):
-    """One named part of the file; `form` is None where its fields make no sense."""
+    """One named element of the file; `form` is None where a field has a mistake."""
 
     name: str
     place: Place  # of its name
@@ -64,17 +64,17 @@ class Element(Generic[F_co]):
 
 @dataclass(frozen=True, slots=True)
 class ModuleElement(Element[schema.ModuleForm]):
-    """A module with its modes, best first; a broken mode stays listed."""
+    """A module with its modes, best first; broken modes are listed too."""
 
     modes: Mapping[str, Element[schema.ModeForm]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """All that could be read of a file."""
+    """Everything that could be read from a file."""
 
     root: Node
-    readable: bool  # no section is missing because it is misspelt, or something else than a map
+    readable: bool  # no section is unreadable because its name is misspelt or its value is not a map
     header: schema.HeaderForm | None
     manager: Element[schema.ManagerForm]
     contingency: Element[schema.ContingencyForm]
@@ -90,7 +90,7 @@ class Draft:
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
-    """Read all elements of a file; None where it is no map at all."""
+    """Read all elements of a file; None where the file is not a map."""
     if not isinstance(root, yaml_source.Mapping):
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
@@ -129,7 +129,7 @@ class _DraftReader:
         return self._form("the spec", self._root.place, node, schema.HeaderForm, field_names(schema.SpecForm))
 
     def _single(self, key: str, form: type[F_co]) -> Element[F_co]:
-        """An element that a file has at most once."""
+        """Read an element that a file has at most once."""
         entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
         return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
 
@@ -155,7 +155,7 @@ class _DraftReader:
             yield from self._named(entry.node, f"'{section}'")
 
     def _named(self, node: Node, subject: str) -> Iterator[tuple[str, yaml_source.Entry]]:
-        """The entries of a map of names; each name is checked."""
+        """Give the entries of a map of names, and check each name."""
         if yaml_source.is_nothing(node):
             return
         if not isinstance(node, yaml_source.Mapping):
@@ -219,9 +219,10 @@ class _DraftReader:
         *,
         misspelt: Collection[str] = (),
     ) -> F_co | None:
-        """Fields of an element, or None and findings.
+        """Read the fields of an element; None, and findings, where a field has a mistake.
 
-        `known`: fields to suggest, where not those of `form` alone; `misspelt`: fields that are there in another form.
+        known: names of fields to suggest, if not only those of `form`. misspelt: fields that are present under a wrong
+        name, so not reported as missing.
         """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:
@@ -232,7 +233,7 @@ class _DraftReader:
 
 
 class _FormFindings:
-    """Turns what pydantic says about one element into findings."""
+    """Turns pydantic's errors about one element into findings."""
 
     def __init__(self, findings: Findings, subject: str, place: Place, node: Node, known: Collection[str]) -> None:
         self._findings = findings
@@ -275,24 +276,24 @@ class _FormFindings:
         self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
 
     def _known_at(self, loc: tuple[int | str, ...]) -> Collection[str]:
-        return field_names(schema.WhenForm) if len(loc) > 1 else self._known  # the one map inside an element
+        return field_names(schema.WhenForm) if len(loc) > 1 else self._known  # `when` is the only map inside an element
 
     def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
         name = str(loc[-1])
         parent, _ = yaml_source.follow(self._node, loc[:-1])
         known = self._known_at(loc)
-        hint = self._findings.suggestion(name, known) or f"it may have {listed(sorted(known))}"
+        hint = self._findings.suggestion(name, known) or f"its fields are {listed(sorted(known))}"
         sentence = f"{self._subject} has no field {shown(name)}"
         self._findings.add(rules.UNKNOWN_FIELD, yaml_source.key_place(parent, name), sentence, hint)
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Known fields of which some names are misspellings."""
+    """Give the known fields that some of the names seem to be misspellings of."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 
 def _translated(error: Any) -> tuple[Rule, str, str]:
-    """Rule, sentence and hint for an error of pydantic's own types."""
+    """Give rule, sentence and hint for an error of one of pydantic's own types."""
     rule, wanted, hint = _WANTED.get(
         error["type"], (rules.WRONG_TYPE, "something else", "heronry schema tells what each field may be")
     )

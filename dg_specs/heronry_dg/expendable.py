@@ -1,9 +1,9 @@
-"""What may stop without a manager: the modules that serve nothing critical (`without_manager: safe_mode`).
+"""Which modules stop while no manager is heard: those that serve nothing critical (`without_manager: safe_mode`).
 
-A function is critical here if it is of class A to D in some phase in which it is wanted: the phase cannot change while
-no manager is there to change it, and what a later phase needs should not have to be found again. A module of a
-configuration is *expendable* unless it is an output of a critical function, or something that is not expendable is
-wired to it. So nothing that stays reads from what stops, and what stays is gated as it was.
+A function is critical here if it has class A to D in any phase in which it is wanted. Other phases than the present one
+count because a later phase should find its functions running. A module of a configuration is *expendable* unless it is
+an output of a critical function, or a module that is not expendable reads from it. So no module that goes on reads from
+a module that stops, and the gates of those that go on hold as before.
 """
 
 from heronry_dg.configuration import Configuration
@@ -14,7 +14,7 @@ _NOT_CRITICAL = len(CRITICALITIES) - 1
 
 
 def expendable(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """Return the modules of a legal configuration that serve nothing critical."""
+    """Give the expendable modules of a legal configuration."""
     critical = [f for f in spec.functions.values() if best_rank(spec, f) < _NOT_CRITICAL]
     frontier = [output for function in critical for output in function.outputs if output in configuration.modules]
     kept: set[str] = set()

@@ -1,13 +1,13 @@
-"""Gate expressions, from the tree of the file to `gates.Expression` with all named gates written out.
+"""Reads gate expressions: from the tree of the file to `gates.Expression`, with all named gates written out.
 
-A `Reading` is an expression together with what the gates around it need to know: where each leaf was written (for a
-leaf out of a named gate: where that gate was named), whether it holds with nothing wired, which DEMUXes it names, how
-deep it is. Named gates are read before those that name them, in an order that also shows the cycles among them, so a
-name always refers to a gate that has been read. Each is read once per default worth (leaves below an OR or a XOR have
-another), and all expressions that name it share the result; gates that would unfold into too many inputs are refused by
-counting.
+A `Reading` is an expression together with facts that the gates around it need: the place of each leaf (for a leaf of a
+named gate: the place where that gate is named), whether the expression holds with nothing wired, its DEMUXes and its
+depth. A named gate is read before the gates that name it, so a name always refers to a gate that has been read; the
+order also shows cycles of names. Leaves below an OR or a XOR have another default worth, so each named gate is read
+once per default worth, and all expressions that name it share the result. Gates that would unfold into too many inputs
+are refused from the count alone.
 
-Where a part makes no sense its reading is None; the parts around it go on being read, for their own mistakes.
+The reading of a part with a mistake is None; the parts around it are still read, to find their mistakes too.
 """
 
 import re
@@ -22,7 +22,7 @@ from heronry_dg.gates import And, Expression, Leaf, Or, Xor
 from heronry_dg.rules import graph as rules
 from heronry_dg.yaml_source import Node
 
-MOST_LEAVES: Final = 1_000  # of one mode, named gates written out
+MOST_LEAVES: Final = 1_000  # of one mode, with named gates written out
 MOST_LEAVES_OF_ALL: Final = 100_000
 DEEPEST: Final = 64
 
@@ -35,9 +35,9 @@ class Reading:
     """An expression without mistakes, and what the gates that contain it need to know."""
 
     expression: Expression
-    places: tuple[Place, ...]  # of its leaves, in the order of `gates.leaves`
-    demuxes: tuple[str, ...]  # names of the DEMUXes among its leaves, in the same order
-    holds_unwired: bool  # it holds with nothing wired below it
+    places: tuple[Place, ...]  # of the leaves, in the order of `gates.leaves`
+    demuxes: tuple[str, ...]  # names of the DEMUXes among the leaves, in the same order
+    holds_unwired: bool  # whether it holds with nothing wired below it
     depth: int
 
 
@@ -53,12 +53,12 @@ class ExpressionReader:
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
-        """Every named gate that is no DEMUX and has no mistake, written out, in the order of the file."""
+        """Give every named gate that is no DEMUX and has no mistake, written out, in the order of the file."""
         readings = ((name, self._gates[name, False]) for name in self._draft.shorthands)
         return {name: reading.expression for name, reading in readings if reading is not None}
 
     def read(self, node: Node) -> Reading | None:
-        """Reading of a mode's `needs`; None, and findings, where it makes no sense."""
+        """Read the `needs` of a mode; None, and findings, where there is a mistake."""
         reading = self._expression(node, below_choice=False)
         if reading is None:
             return None
@@ -66,7 +66,7 @@ class ExpressionReader:
         self._leaves_left -= len(reading.places)
         if within_limit and self._leaves_left < 0:
             sentence = f"all modes together have more than {MOST_LEAVES_OF_ALL} inputs"
-            hint = "named gates are written out anew by each module that names them"
+            hint = "a named gate counts with all its inputs in each module that names it"
             self._findings.add(rules.GATE_TOO_LARGE, node.place, sentence, hint)
         return reading if self._leaves_left >= 0 else None
 
@@ -85,7 +85,7 @@ class ExpressionReader:
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
-        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "let one of them name variables alone")
+        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "let one of these gates name only variables")
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:
@@ -165,7 +165,7 @@ class ExpressionReader:
         return _reading_of(Leaf(match["name"], best, worst, given), place) if given is not None else None
 
     def _worth(self, node: Node, best: int, worst: int, versions: int) -> tuple[int, ...] | None:
-        """Points per accepted version, from a list of as many, or of one per version that there is."""
+        """Give the points per accepted version; the list has one number per accepted version, or one per version."""
         if yaml_source.has_refused(node):
             return None
         items = node.items if isinstance(node, yaml_source.Sequence) else []
@@ -206,7 +206,7 @@ class ExpressionReader:
             case "xor":
                 return self._xor(entry)
             case "demux":
-                hint = "write it under gates:, and name it here"
+                hint = "declare the DEMUX under gates:, and write its name here"
                 self._findings.add(rules.DEMUX_MISPLACED, entry.place, "a DEMUX must have a name", hint)
             case _:
                 hint = self._findings.suggestion(operator, _OPERATORS) or f"there is {listed(_OPERATORS)}"
@@ -255,7 +255,7 @@ class ExpressionReader:
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
-        """Readings of all inputs of a gate; None where one of them, or all together, make no sense."""
+        """Read all inputs of a gate; None where an input, or their combination, has a mistake."""
         items = node.items if isinstance(node, yaml_source.Sequence) else []
         if len(items) < least:
             sentence = f"{gate} takes a list of {least} or more inputs"
@@ -271,18 +271,18 @@ class ExpressionReader:
         for reading, item in zip(readings, items, strict=True):
             if reading.demuxes:
                 sentence = f"DEMUX '{reading.demuxes[0]}' is named below an OR or a XOR"
-                hint = "name it at the root of `needs`, or below ANDs alone"
+                hint = "name it at the root of `needs`, or below ANDs only"
                 self._findings.add(rules.DEMUX_MISPLACED, item.place, sentence, hint)
         return any(reading.demuxes for reading in readings)
 
     def _is_small(self, place: Place, inputs: list[Reading]) -> bool:
         if sum(len(reading.places) for reading in inputs) > MOST_LEAVES:
             sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are written out"
-            hint = "let a module in between give the variable that they are needed for"
+            hint = "let a module in between read some of the inputs, and give one variable for them"
             self._findings.add(rules.GATE_TOO_LARGE, place, sentence, hint)
             return False
         if max(reading.depth for reading in inputs) >= DEEPEST:
-            sentence = f"this gate is deeper than {DEEPEST} levels when named gates are written out"
+            sentence = f"this gate has more than {DEEPEST} levels when named gates are written out"
             self._findings.add(rules.GATE_TOO_LARGE, place, sentence, "leave out gates that have a single input")
             return False
         return True
@@ -315,7 +315,7 @@ def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
 
 
 def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
-    """Points where the file gives none: the better version is worth more, where there is something to choose."""
+    """Default points: a better version is worth more where there is a choice of versions."""
     if not below_choice and best == worst:
         return (0,)
     return tuple(versions - version + 1 for version in range(best, worst + 1))
@@ -326,5 +326,5 @@ def _is_points(value: object) -> TypeGuard[int]:
 
 
 def _names_in(node: Node) -> Iterator[str]:
-    """Every name in an expression, without its version."""
+    """Give every name in an expression, without versions."""
     return (text.partition("@")[0] for text in yaml_source.texts(node))

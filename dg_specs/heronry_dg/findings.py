@@ -1,11 +1,11 @@
-"""What is wrong with a spec: findings, each with its place, and the error that carries them all.
+"""Findings: the mistakes in a spec, each with its place, and the error that carries all of them.
 
-A reader of a spec does not stop at the first mistake. It adds a finding and goes on with what it still understands, so
-that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: of the mistakes that
-stop a spec from being loaded only the first at a place counts, and code that meets something already known to be broken
-adds no finding.
+The code that reads a spec does not stop at the first mistake. It adds a finding and goes on with the parts that it
+still understands, so that one run shows every independent mistake. Two conventions avoid follow-up findings: of the
+findings that stop a spec from being loaded, only the first at a place is kept; and code that meets a part known to be
+broken adds no finding.
 
-rules/ has all that can be wrong, each with its code.
+rules/ lists everything that can be wrong, each with its code.
 """
 
 import difflib
@@ -18,7 +18,7 @@ from heronry_wire.errors import HeronryError, on_one_line
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
-_MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not buy minutes
+_MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not take minutes
 
 
 class Place(NamedTuple):
@@ -29,7 +29,7 @@ class Place(NamedTuple):
 
 
 class Use(NamedTuple):
-    """Where a name is used that refers to nothing, as what, and the known name that is closest to it."""
+    """A use of an unknown name: its place, the kind of element expected there, and the closest known name."""
 
     place: Place
     kind: str
@@ -38,7 +38,7 @@ class Use(NamedTuple):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """One mistake: where, of which rule, what, and (where it helps) what to write instead."""
+    """One mistake: its place, its rule, a sentence, and where it helps a hint what to write instead."""
 
     file: str
     place: Place
@@ -54,7 +54,7 @@ class Finding:
 
 
 class SpecError(HeronryError, ValueError):
-    """A spec that cannot be loaded; `findings` says why, in the order of the file. Its text is one line per finding."""
+    """A spec cannot be loaded; `findings` says why, in the order of the file. The text has one line per finding."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(sorted(findings))
@@ -62,7 +62,7 @@ class SpecError(HeronryError, ValueError):
 
 
 class Findings:
-    """The findings of one file while it is being read."""
+    """Collects the findings of one file while the file is being read."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -77,28 +77,28 @@ class Findings:
         return iter(sorted(self._found.values()))
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
-        """Note a mistake; where it stops the spec from being loaded, only the first one at a place counts."""
+        """Add a finding; a second finding at a place is dropped if both stop the spec from being loaded."""
         key = (place, "", "") if rule.stops else (place, rule.code, sentence)
         self._found.setdefault(key, Finding(self._file, place, rule.code, rule.severity, sentence, hint))
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
-        """Note a name that refers to nothing."""
+        """Add a finding about a name that refers to nothing."""
         closest = self.closest(name, known)
         self.unknown_names.setdefault(name, []).append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
-        """The hint `did you mean ...?` where a known name is close, else ""."""
+        """Give the hint "did you mean ...?" where a known name is close, else ""."""
         closest = self.closest(name, known)
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
-        """Withdraw a finding at a place that stops the spec: another finding describes it better."""
+        """Remove the finding at a place that stops the spec, because another finding describes the mistake better."""
         self._found.pop((place, "", ""), None)
 
     def closest(self, name: str, known: Collection[str]) -> str | None:
-        """Return the known name that may have been meant, ignoring case; None where none is close."""
+        """Give the known name that the author may have meant, ignoring case; None where no name is close."""
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)
@@ -106,12 +106,12 @@ class Findings:
         return next((spelt[found] for found in difflib.get_close_matches(name.lower(), spelt, n=1)), None)
 
     def error(self) -> SpecError:
-        """All findings as one error."""
+        """Give all findings as one error."""
         return SpecError(self._found.values())
 
 
 def shown(value: object) -> str:
-    """A value of the file as a message shows it: quoted, escaped, and short."""
+    """Give a value of the file as a message shows it: quoted, escaped, and shortened."""
     match value:
         case None:
             return "nothing"
@@ -147,5 +147,5 @@ def _there_is(known: Collection[str]) -> str:
     if not known:
         return "there is none"
     if len(known) > 8:
-        return "declare it, or take the name of one that is"
+        return "declare it, or use a declared name"
     return f"there is {listed(known)}"

@@ -1,8 +1,9 @@
-"""What must hold of the gates of a whole spec: DEMUXes have branches, votes count a producer once, cycles can start.
+"""Checks the gates of a whole spec: DEMUXes have branches, a vote counts a producer once, and cycles can start.
 
-Source: docs/semantics.md, section 2, and semantics rule 6. A wiring cycle is looked for among all modes at
-once: mode A leads to mode B where A gives a variable without `initial` in a version that a leaf of B accepts. That two
-modes of one module never run together is not used: a cycle through both would be refused, though it cannot be wired.
+Source: docs/semantics.md, section 2, and semantics rule 6. Wiring cycles are searched in the graph of all modes: an
+edge leads from mode A to mode B if A gives a variable without `initial` in a version that a leaf of B accepts. The
+search ignores that two modes of one module never run together: it refuses a cycle through both, although it cannot be
+wired.
 """
 
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ _Datum = tuple[str, int]  # variable, version
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Every expression of a spec; whole only where there are no findings."""
+    """Every expression of a spec; complete only if there are no findings."""
 
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
@@ -30,7 +31,7 @@ class Gates:
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
-    """Read every expression and check it; a gate with a mistake is missing from the result, and there is a finding."""
+    """Read and check every expression; a gate with a mistake causes a finding, and is missing from the result."""
     reader = ExpressionReader(draft, findings)
     assess = _GateRules(draft, findings)
     for module in draft.modules.values():
@@ -50,15 +51,15 @@ class _GateRules:
         self._findings = findings
         self.readings: dict[
             ModeName, Reading | None
-        ] = {}  # None: a mode without `needs`; one not understood is missing
+        ] = {}  # None: a mode without `needs`; a mode with a mistake is missing
         self.branches: dict[str, list[str]] = {name: [] for name in draft.demuxes}
 
     def read_module(self, module: ModuleElement, reader: ExpressionReader) -> None:
-        """Read the `needs` of all modes, and note of which DEMUXes the module is a branch."""
+        """Read the `needs` of all modes, and note the DEMUXes of which the module is a branch."""
         for mode in module.modes.values():
             needs = _needs(mode)
             if needs is None:
-                if module.form is not None and mode.form is not None:  # or `needs` may be there, and misspelt
+                if module.form is not None and mode.form is not None:  # else `needs` may be present, but misspelt
                     self.readings[module.name, mode.name] = None
                 continue
             reading = reader.read(needs)
@@ -70,21 +71,21 @@ class _GateRules:
             self.branches[demux].append(module.name)
 
     def check_branches(self) -> None:
-        """Every mode of a branch names the DEMUX, and every DEMUX has two branches or more."""
+        """Check that every mode of a branch names the DEMUX, and that every DEMUX has two branches or more."""
         for demux, modules in self.branches.items():
             for module in modules:
                 self._check_modes_of_branch(self._draft.modules[module], demux)
         if not self._all_is_read():
-            return  # a module that was not understood may be the branch that is missing
+            return  # a broken module may be the missing branch
         for demux, modules in self.branches.items():
             if len(modules) < 2 and self._draft.demuxes[demux].form is not None:
                 found = f"only '{modules[0]}'" if modules else "no module"
                 sentence = f"DEMUX '{demux}' needs two branches or more, and {found} names it"
                 place = self._draft.demuxes[demux].place
-                self._findings.add(rules.DEMUX_BRANCHES, place, sentence, "its branches name it in their `needs`")
+                self._findings.add(rules.DEMUX_BRANCHES, place, sentence, "let each branch name it in its `needs`")
 
     def check_values(self) -> None:
-        """A function has a value for each mode it may run in, or none at all."""
+        """Check that a function has a value for each mode of its output, or none at all."""
         for function in self._draft.functions.values():
             if function.form is None or function.form.value is None:
                 continue
@@ -99,7 +100,7 @@ class _GateRules:
                 self._findings.add(rules.VALUE_LENGTH, place, sentence, "best mode first")
 
     def check_wiring_cycles(self) -> None:
-        """On every possible cycle of wires there is a variable with an `initial` value."""
+        """Check that every possible cycle of wires has a variable with an `initial` value."""
         graph = self._wiring()
         for component in cycles.components(graph):
             cycle = cycles.shortest_cycle(graph, component)
@@ -107,7 +108,7 @@ class _GateRules:
                 self._refuse_cycle(cycle)
 
     def _check_votes(self, reading: Reading) -> None:
-        """Of one mode: no DEMUX is named twice, and no version of a variable is accepted by two leaves."""
+        """Check that one mode does not name a DEMUX twice, nor accept a version of a variable at two leaves."""
         demuxes: set[str] = set()
         accepted: set[_Datum] = set()
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
@@ -141,7 +142,7 @@ class _GateRules:
         return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
 
     def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
-        """Graph of modes and the data that they give; data with an initial value are left out."""
+        """Build the graph of modes and the data that they give, without data that have an initial value."""
         graph: dict[ModeName | _Datum, list[ModeName | _Datum]] = {}
         for module in self._draft.modules.values():
             for mode in module.modes.values():

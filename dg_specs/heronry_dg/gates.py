@@ -1,14 +1,14 @@
 """Gate expressions: what the inputs of a module mode must satisfy.
 
-An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves; named gates have been written out by the
-loader, so a tree holds no names but those of variables. A leaf is addressed by its index path in the tree:
-`""` for a lone leaf, `"0"`, `"0.1"`.
+An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves. The loader has written out named gates, so the
+only names in a tree are those of variables. A leaf is addressed by its index path in the tree: `""` for a lone leaf,
+`"0"`, `"0.1"`.
 
-One rule decides everything here: a leaf holds iff it is wired, a gate iff as many of its inputs hold as it demands
-(`bounds`). Everything else about a gate follows from these two numbers. So a new kind of gate is a class, a case
-in `bounds` and one in `words`, a way to write it (`expression_reader`, `check.json_schema`), and what the greedy
-planner needs, which goes by kinds for its speed. A DEMUX is no node of the tree: the leaf of each of its branches
-carries the DEMUX's name.
+A leaf holds iff it is wired. A gate holds iff the number of its inputs that hold lies between the two numbers of
+`bounds`; everything else about a gate follows from these numbers. So a new kind of gate needs a class, a case in
+`bounds` and in `words`, a syntax (`expression_reader`, `check.json_schema`), and code in the greedy planner, which
+distinguishes the kinds for speed. A DEMUX is no node of the tree: the leaf of each of its branches carries the DEMUX's
+name.
 
 Source: the paper, section 3.1 and Figure 2; the numbers (worth, accepted versions) are this project's.
 """
@@ -25,15 +25,15 @@ class Leaf:
     variable: str
     best: int
     worst: int
-    worth: tuple[int, ...]  # points for being wired to version best, best + 1, ..., worst
-    demux: str | None = None  # the DEMUX this leaf is a branch of
+    worth: tuple[int, ...]  # points for a wire to version best, best + 1, ..., worst
+    demux: str | None = None  # the DEMUX of which the leaf's module is a branch
 
     def accepts(self, version: int) -> bool:
         """Tell whether a datum of `version` may be wired here."""
         return self.best <= version <= self.worst
 
     def points(self, version: int) -> int:
-        """Worth, in points, of being wired to `version`, which must be an accepted one."""
+        """Points for a wire to `version`, which the leaf must accept."""
         return self.worth[version - self.best]
 
 
@@ -67,20 +67,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The texts for a kind of gate."""
+    """The texts in which messages and pictures describe a kind of gate."""
 
     rule: str  # sub-rule of the verifier (`verify`)
-    demand: str  # of how many of its inputs
-    written: str  # before its inputs in brackets
-    drawn: str  # in a picture
-    outline: Literal["and", "or", "xor"]  # of the symbol
+    demand: str  # how many inputs must hold
+    written: str  # stands before its inputs in brackets
+    drawn: str  # label in a picture
+    outline: Literal["and", "or", "xor"]  # shape of the symbol in a picture
 
 
 # Only the next two functions define the kinds of gates; everything else uses them.
 
 
 def bounds(gate: Gate) -> tuple[int, int]:
-    """Fewest and most inputs that hold where the gate does."""
+    """Fewest and most inputs that must hold for the gate to hold."""
     match gate:
         case And(inputs):
             return len(inputs), len(inputs)
@@ -108,7 +108,7 @@ def words(gate: Gate) -> Words:
 def fold(
     expression: Expression, leaf: Callable[[Leaf, str], T], gate: Callable[[Gate, list[T]], T], path: str = ""
 ) -> T:
-    """Compute a result from the leaves up: `leaf` takes a leaf and its path, `gate` a gate and its inputs' results."""
+    """Compute a value bottom-up: `leaf` maps a leaf and its path, `gate` maps a gate and the values of its inputs."""
     if isinstance(expression, Leaf):
         return leaf(expression, path)
     inputs = enumerate(expression.inputs)
@@ -116,7 +116,7 @@ def fold(
 
 
 def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool:
-    """Tell whether an expression could hold if any leaves that are given may be wired, and any left out."""
+    """Tell whether an expression could hold if only leaves for which `is_given` is true may be wired."""
     if isinstance(expression, Leaf):
         return is_given(expression)
     fewest, _ = bounds(expression)
@@ -124,7 +124,7 @@ def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool
 
 
 def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], int]) -> int:
-    """Most points that the leaves of a gate can have together; none are less than 0."""
+    """Most points that the leaves of an expression can have together; `of_leaf` gives the points of one, 0 or more."""
 
     def together(gate: Gate, points: list[int]) -> int:
         return most_together(points, bounds(gate)[1])
@@ -133,12 +133,12 @@ def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], in
 
 
 def most_together(points: Sequence[int], most: int) -> int:
-    """Most points that so many inputs of a gate can have together, where each can have these."""
+    """Sum of the `most` largest of `points`: the most that so many inputs can have together."""
     return sum(points) if most == len(points) else sum(sorted(points, reverse=True)[:most])
 
 
 def with_leaves(expression: Expression, changed: Callable[[Leaf], Leaf]) -> Expression:
-    """Give the same tree with other leaves."""
+    """Give the same tree, with each leaf replaced by `changed` of it."""
     return fold(expression, lambda leaf, _: changed(leaf), lambda gate, inputs: replace(gate, inputs=tuple(inputs)))
 
 
@@ -148,7 +148,7 @@ def child_path(path: str, index: int) -> str:
 
 
 def leaves(expression: Expression | None, path: str = "") -> Iterator[tuple[str, Leaf]]:
-    """Every leaf with its path, in the order written; nothing for a mode without `needs`."""
+    """Give every leaf with its path, in the order of the file; no leaves for a mode without `needs`."""
     if expression is None:
         return
     if isinstance(expression, Leaf):
@@ -163,7 +163,7 @@ def leaves(expression: Expression | None, path: str = "") -> Iterator[tuple[str,
 
 
 def holds(expression: Expression | None, wired: Collection[str], path: str = "") -> bool:
-    """Tell whether the gate at `path` holds when exactly the leaves with the paths in `wired` are wired."""
+    """Tell whether the expression at `path` holds if exactly the leaves with the paths in `wired` are wired."""
     if expression is None:
         return True
     if isinstance(expression, Leaf):

@@ -1,8 +1,8 @@
-"""Load a spec: bytes in, a checked `model.Spec` out, or a `SpecError` with everything that is wrong.
+"""Loads a spec: from bytes to a checked `model.Spec`, or to a `SpecError` with all findings.
 
-The way of a file: bytes -> tree with places (yaml_source) -> elements with exact fields (draft, schema, quantities) ->
-gates written out (expression_reader, gate_rules), names and numbers checked against one another (reference_rules) ->
-the model, which is built here and only when nothing is wrong.
+The stages: bytes -> tree with places (yaml_source) -> elements with exact fields (draft, schema, quantities) -> gates
+written out (expression_reader, gate_rules), and names and numbers checked against one another (reference_rules) -> the
+model. This file builds the model, only if there are no findings that stop it.
 """
 
 import gc
@@ -46,7 +46,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A spec, and where its parts were written."""
+    """A spec, with the draft and the gates it was built from, which have the places in the file."""
 
     draft: Draft
     gates: Gates
@@ -66,7 +66,7 @@ def loads(text: str, name: str) -> Spec:
 
 
 def read_file(path: Path, findings: Findings) -> bytes | None:
-    """Bytes of a file, of one that is too large only one more than is allowed; None, and a finding, on an error."""
+    """Read a file, up to one byte more than a spec may have; None, and a finding, on an error."""
     try:
         with path.open("rb") as file:
             return file.read(yaml_source.MOST_BYTES + 1)
@@ -77,7 +77,7 @@ def read_file(path: Path, findings: Findings) -> bytes | None:
 
 
 def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
-    """Read a spec; None where there are findings that stop it from being loaded."""
+    """Read a spec from bytes; None where findings stop it from being loaded."""
     with collector_at_rest():
         return _read(data, file, findings)
 
@@ -86,7 +86,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     root = yaml_source.read_tree(data, findings)
     draft = read_draft(root, findings) if root is not None else None
     if draft is None or not draft.readable:
-        return None  # with a section missing, every name in it would look unknown
+        return None  # without the section, every name in it would look unknown
     check_references(draft, findings)
     gates = read_gates(draft, findings)
     if findings:
@@ -97,7 +97,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Switch the garbage collector off: all that loading makes stays, and repeated searches take quadratic time."""
+    """Switch the garbage collector off: loading makes no garbage, and repeated searches would take quadratic time."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -120,7 +120,7 @@ def _name_of(file: str) -> str:
 
 
 def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
-    """The model of a draft about which there is no finding."""
+    """Build the model from a draft without findings that stop it."""
     header = _of(draft.header)
     contingency = _of(draft.contingency.form)
     buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
@@ -232,7 +232,7 @@ def _when(form: schema.WhenForm | None) -> When | None:
 
 
 def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
-    """By phase, in the order of the file; the model's key for all other phases is None."""
+    """Convert a map by phase: `default`, which stands for all other phases, becomes the key None."""
     return {None if phase == schema.DEFAULT_PHASE else phase: value for phase, value in values.items()}
 
 
@@ -245,7 +245,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """Return a value that is there in every spec without findings."""
+    """Give a value that cannot be None in a spec without findings."""
     if value is None:
-        raise AssertionError("a spec without findings is whole")
+        raise AssertionError("a spec without findings lacks a value")
     return value

@@ -1,19 +1,19 @@
-"""What faults take out of use, and whether a configuration works without it.
+"""Which elements faults take out of use, and whether a configuration works without them.
 
-A configuration *uses* the modules it runs, the PEs they run on and the devices they drive. What faults take out of use
-is what they name and what follows from it: a dead PE takes its devices along, and a PE without a route to the
-manager's bus counts as down.
+A configuration *uses* the modules that it runs, the PEs on which they run and the devices that they drive. Faults take
+out of use the elements that they name, and others as a consequence: the devices of a dead PE are out of use, and a PE
+without a route to the manager's bus counts as down.
 
-*It stays the best iff it uses nothing that is lost.* Then it is as legal and as good as before: semantics rules 3 to 6
-and 8 concern the configuration alone; capacities do not change; and its frames take the same buses, hence the same
-bandwidth and the same response times. Buses and gateways on its routes need no check: each end of a route is in
-use, so each still has a way up to the manager's bus; both ways together hold a route between the ends, and in a forest
-of buses there is no other than the one there was.
+*A best configuration remains the best iff it uses no lost element.* Then it is as legal and as good as before.
+Semantics rules 3 to 6 and 8 concern the configuration alone; capacities do not change; and its frames take the same
+buses, hence need the same bandwidth and response times. Buses and gateways on its routes need no check: both ends of a
+route are in use, so both still have a route to the manager's bus. Together these give a route between the ends, and in
+a forest of buses that is the same route as before.
 
-*More faults leave fewer configurations.* Whatever is legal with some elements down is legal, and worth the same, with
-fewer of them down: everything above holds in reverse, and nothing gains by a fault. So a plan that is the best with F
-down, and uses nothing that is lost with E, is the best with F and E down, too: at all seven levels, as long as level 4
-counts against the same running configuration.
+*More faults leave fewer configurations.* A configuration that is legal with some elements down is legal, and has the
+same value, with fewer elements down: the argument above holds in reverse. So if a plan is the best with the faults F,
+and uses no element that the faults E take out of use, it is also the best with F and E together, at all seven levels,
+as long as level 4 compares with the same running configuration.
 """
 
 from heronry_dg.configuration import Configuration
@@ -22,12 +22,12 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 
 def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
-    """PEs, devices and modules that a situation takes out of use, directly or along with something else."""
+    """PEs, devices and modules that a situation takes out of use, directly or as a consequence."""
     return lost_of(survivors(spec, now))
 
 
 def lost_of(left: Survivors) -> frozenset[str]:
-    """Give the same, where it is known already what is left."""
+    """Do what `lost_elements` does, for survivors that are already computed."""
     spec = left.spec
     pes = (f"pe:{pe}" for pe in spec.pes if pe not in left.pe_cpu_millis)
     devices = (f"device:{device}" for device in spec.devices if device not in left.devices)
@@ -35,7 +35,7 @@ def lost_of(left: Survivors) -> frozenset[str]:
 
 
 def used_elements(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """PEs, devices and modules that a configuration cannot do without."""
+    """PEs, devices and modules that a configuration uses."""
     used = set[str]()
     for name, running in configuration.modules.items():
         used.update((f"module:{name}", f"pe:{running.pe}"))

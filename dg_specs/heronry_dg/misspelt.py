@@ -1,13 +1,12 @@
-"""A name that is declared nowhere is one mistake, however many elements use it.
+"""Reports an undeclared name as one mistake, however many elements use the name.
 
-Two uses of the same unknown name are not two slips: what is wrong is the declaration. Where an element of a name close
-to it is declared, and nothing uses that one, its declaration is misspelt, and one finding there stands for those
-of all the users. Where no name is close, the declaration is missing, and one finding stands at the section that lacks
-it. Where a name is close and in use, it is not known which of the two was meant, and the findings stand at the users.
-
-A single use of an unknown name is a slip, and the finding stands at its user; unless a declaration that nothing names
-is close, and its words are found nowhere else in the file while those of the use are: a `gsp` is declared, and a
-`gps_altitude`.
+If several elements use the same unknown name, the declaration is wrong, not the uses. There are three cases. An element
+with a similar name is declared, and nothing uses it: the declaration is misspelt, and one finding at the declaration
+replaces those at the uses. No similar name is declared: the declaration is missing, and one finding is placed at the
+section that lacks it. A similar name is declared and used: it is unclear which one the author meant, so the findings
+stay at the uses. A single use of an unknown name is a misspelt use, and the finding stays there, with one exception: an
+unused declaration has a similar name, and its words occur nowhere else in the file, but those of the use do. For
+example, `gps` is used once, `gsp` is declared, and so is `gps_altitude`.
 """
 
 from collections import Counter
@@ -20,7 +19,7 @@ from heronry_dg.draft import Draft
 from heronry_dg.findings import Findings, Place, Use, listed, shown
 from heronry_dg.rules import graph as rules
 
-_SECTIONS: Final[Mapping[str, str]] = {  # where an element is declared, by the kind that its users expect
+_SECTIONS: Final[Mapping[str, str]] = {  # section in which an element is declared, by the kind that its users expect
     "bus": "buses",
     "pe": "pes",
     "device": "devices",
@@ -31,11 +30,11 @@ _SECTIONS: Final[Mapping[str, str]] = {  # where an element is declared, by the 
     "phase": "phases",
 }
 _MOST_LINES_SHOWN: Final = 6
-_ALIKE: Final = 0.85  # names that are less alike are rather two names than one and a slip
+_ALIKE: Final = 0.85  # less similar names are taken for two different names
 
 
 def blame_declarations(draft: Draft, findings: Findings) -> None:
-    """Put one finding at a misspelt or missing declaration in place of those at its users."""
+    """Replace the findings at the uses of a name by one at its misspelt or missing declaration."""
     if not findings.unknown_names:
         return
     named = _named(draft.root)
@@ -50,7 +49,7 @@ def blame_declarations(draft: Draft, findings: Findings) -> None:
 
 
 def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
-    """Tell whether the words in which two names differ are found elsewhere for the one, and not for the other."""
+    """Tell whether the words only in `name` occur elsewhere in the file, and those only in `other` do not."""
     one, two = set(name.split("_")), set(other.split("_"))
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)
 
@@ -63,7 +62,7 @@ def _misspelt(draft: Draft, findings: Findings, name: str, uses: list[Use], decl
     place = _declared(draft, declared)
     if place is not None:
         times = f"{len(uses)} times" if len(uses) > 1 else "once"
-        sentence = f"nothing names {shown(declared)}, and {times} {shown(name)} is named, which does not exist"
+        sentence = f"nothing uses {shown(declared)}, and {times} {shown(name)} is used, which does not exist"
         hint = f"rename it to {name}, or fix {_lines(uses)}"
         _one_for_all(findings, uses, place, sentence, hint)
 
@@ -72,7 +71,7 @@ def _missing(draft: Draft, findings: Findings, name: str, uses: list[Use]) -> No
     section = next((_SECTIONS[use.kind] for use in uses if use.kind in _SECTIONS), None)
     if section is not None and isinstance(draft.root, yaml_source.Mapping) and section in draft.root.entries:
         closest = uses[0].closest
-        sentence = f"'{section}' has no {shown(name)}, which is named {len(uses)} times"
+        sentence = f"'{section}' has no {shown(name)}, which is used {len(uses)} times"
         suggestion = f": did you mean '{closest}'?" if closest is not None else ""
         hint = f"declare it here, or fix {_lines(uses)}{suggestion}"
         _one_for_all(findings, uses, draft.root.entries[section].place, sentence, hint)
@@ -92,7 +91,7 @@ def _one_for_all(findings: Findings, uses: list[Use], place: Place, sentence: st
 
 
 def _declared(draft: Draft, name: str) -> Place | None:
-    """Place of the only element of a name."""
+    """Place of the element with a name, if exactly one has it."""
     sections: tuple[Mapping[str, object], ...] = (
         *(draft.buses, draft.pes, draft.devices, draft.variables, draft.demuxes, draft.shorthands),
         *(draft.modules, draft.functions, draft.phases),
@@ -102,7 +101,7 @@ def _declared(draft: Draft, name: str) -> Place | None:
 
 
 def _named(root: yaml_source.Node) -> Counter[str]:
-    """How often each name is written in a file, declarations included."""
+    """Count how often each name occurs in a file, including declarations."""
     found: Counter[str] = Counter()
     waiting = [root]
     while waiting:
@@ -118,7 +117,7 @@ def _named(root: yaml_source.Node) -> Counter[str]:
 
 
 def _words(named: Counter[str]) -> Counter[str]:
-    """How often each word stands in the names of a file."""
+    """Count how often each word occurs in the names of a file."""
     words: Counter[str] = Counter()
     for name, times in named.items():
         for word in name.split("_"):

@@ -1,13 +1,13 @@
-"""A spec, as the loader hands it to all other code: frozen, checked, exact.
+"""The model of a spec, as the loader gives it to all other code: immutable, checked and exact.
 
 Quantities are integers: CPU in thousandths of a reference core, memory in bytes, rates in millihertz, bandwidth in
 bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions. Mappings keep the order of the file,
 and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
 DEMUX is its primary, and ties in identifier allocation go to the earlier name.
 
-What is true of every `Spec` (the loader ensures it): names are unique within their kind, every name that is referred
-to exists, the buses form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value,
-gates have legal arities, and a DEMUX has at least two branches.
+The loader ensures that in every `Spec` names are unique within their kind, every name that is used exists, the buses
+form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value, gates have legal
+arities, and a DEMUX has at least two branches.
 """
 
 from collections.abc import Iterator, Mapping
@@ -39,7 +39,7 @@ class Bus:
 
 @dataclass(frozen=True, slots=True)
 class Manager:
-    """The managers' bus, and what a PE does when it hears none."""
+    """The bus of the managers, and the policy of PEs that hear no manager."""
 
     bus: str
     without_manager: Literal["keep", "safe_mode"] = "keep"
@@ -72,13 +72,13 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A datum that modules exchange, in `versions` qualities, of which 1 is the best."""
+    """A datum that modules exchange, in one or more versions (qualities), of which 1 is the best."""
 
     name: str
     type: str  # the name of a CANaerospace data type
     unit: str | None = None
     versions: int = 1
-    identifier: int | None = None  # a standard CANaerospace identifier; else allocated
+    identifier: int | None = None  # a standard CANaerospace identifier; None: one is allocated
     initial: int | float | str | tuple[int, ...] | None = None
     deadline_ns: int | None = None  # None: the period of its producer's mode
 
@@ -95,7 +95,7 @@ class Mode:
     rate_mhz: int
 
     def leaves(self) -> Iterator[tuple[str, Leaf]]:
-        """Every input of this mode with its path."""
+        """Give every input of this mode with its path."""
         return leaves(self.needs)
 
 
@@ -110,7 +110,7 @@ class Module:
     runs_on: tuple[str, ...] | None = None  # None: any PE
     requires: frozenset[str] = frozenset()
     flash: int = 0  # bytes
-    partition: str | None = None  # None: that of the best criticality it could serve
+    partition: str | None = None  # None: the partition of the best criticality that it could serve
     restarts: int = 2
     checkpoint: bool | int | str | None = None
     rate_per_h: Fraction | None = None
@@ -122,7 +122,7 @@ class Module:
 
 @dataclass(frozen=True, slots=True)
 class Demux:
-    """A gate of which at most one branch module runs."""
+    """A gate that lets at most one of its branches, which are modules, run."""
 
     name: str
     variable: str
@@ -136,20 +136,20 @@ class Function:
     name: str
     output: str  # a module, or a DEMUX
     outputs: tuple[str, ...]  # that module, or the branches of that DEMUX
-    criticality: Mapping[str | None, Criticality]  # by phase; key None: in every other phase
+    criticality: Mapping[str | None, Criticality]  # by phase; key None: all other phases
     priority: Mapping[str | None, int]
-    value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m
+    value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m for mode i (from 0) of m
 
     def criticality_in(self, phase: str | None) -> Criticality:
         """Criticality in a phase."""
         return self.criticality.get(phase, self.criticality[None])
 
     def priority_in(self, phase: str | None) -> int:
-        """Priority in a phase; 0 is not wanted."""
+        """Priority in a phase; 0: the function is not wanted."""
         return self.priority.get(phase, self.priority[None])
 
     def value_of(self, mode_index: int, mode_count: int) -> int:
-        """Value of being served by mode number `mode_index` (0 is the best) out of `mode_count`."""
+        """Value of the function if served by mode number `mode_index` (0 is the best) of `mode_count`."""
         if self.value is not None:
             return self.value[mode_index]
         return 100 * (mode_count - mode_index) // mode_count
@@ -157,7 +157,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """A phase's own rule: entered once `variable` has been beyond the threshold for `hold_ns`."""
+    """The rule of a phase: it is entered once `variable` has been beyond the threshold for `hold_ns`."""
 
     variable: str
     above: Fraction | None
@@ -175,7 +175,7 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Contingency:
-    """What must be planned ahead."""
+    """The contingencies to plan ahead: number of simultaneous faults, and phases."""
 
     faults: int = 1
     phases: tuple[str, ...] | None = None  # None: all
@@ -183,7 +183,7 @@ class Contingency:
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """One dependency-graph file, whole."""
+    """The content of one spec file."""
 
     name: str
     digest: str  # SHA-256 of the file's bytes, hexadecimal
@@ -193,7 +193,7 @@ class Spec:
     devices: Mapping[str, Device]
     variables: Mapping[str, Variable]
     demuxes: Mapping[str, Demux]
-    shorthands: Mapping[str, Expression]  # the other named gates, as written; modules hold them written out
+    shorthands: Mapping[str, Expression]  # the other named gates; in modules they are written out
     modules: Mapping[str, Module]
     functions: Mapping[str, Function]
     phases: Mapping[str, Phase] = field(default_factory=dict)  # the first is the initial one
@@ -202,18 +202,18 @@ class Spec:
     contingency: Contingency = Contingency()
 
     def initial_phase(self) -> str | None:
-        """Name of the phase that counts when none is given."""
+        """Name of the phase that is assumed when none is given; None where the spec has no phases."""
         return next(iter(self.phases), None)
 
     def producers(self, variable: str) -> Iterator[tuple[Module, Mode]]:
-        """Every (module, mode) that gives a variable, in the spec's order."""
+        """Give every (module, mode) that gives a variable, in the spec's order."""
         for module in self.modules.values():
             for mode in module.modes.values():
                 if variable in mode.gives:
                     yield module, mode
 
     def sources(self) -> Iterator[tuple[str, str]]:
-        """Every (module, variable) of which some mode of the module gives the variable, in the spec's order."""
+        """Give every (module, variable) where some mode of the module gives the variable, in the spec's order."""
         for module in self.modules.values():
             given = dict.fromkeys(v for mode in module.modes.values() for v in mode.gives)
             for variable in given:

@@ -1,9 +1,8 @@
-"""How good a configuration is: semantics.md section 4, seven levels, first difference decides.
+"""How good a configuration is, on seven levels, of which the first that differs decides (semantics.md section 4).
 
-Critical functions first (by class A to D), then utility, supplied inputs, few changes against what runs, primary
-branches, little bandwidth, little CPU. Everything is an integer, so that any two programs agree on every comparison.
-`score` does not check whether a configuration is legal (that is `verify`), but every name in
-it must exist in the spec.
+The levels: critical functions (by class A to D), utility, supplied inputs, few changes to what runs, primary branches,
+little bandwidth, little CPU. All values are integers, so that any two programs agree on every comparison. `score` does
+not check whether a configuration is legal (`verify` does), but every name in it must exist in the spec.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,45 +22,45 @@ Placement = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """The levels, most important first; the comments say which way is better."""
+    """The levels, most important first; the comments say whether more or fewer is better."""
 
-    critical: tuple[int, int, int, int]  # priorities served of class A, B, C, D: more
-    utility: int  # priority times value over the served functions: more
-    inputs: int  # worth of the wired leaves: more
+    critical: tuple[int, int, int, int]  # sum of the priorities of served functions of class A, B, C, D: more
+    utility: int  # sum of priority times value of served functions: more
+    inputs: int  # sum of the worth of wired leaves: more
     changes: int  # modules whose (mode, PE) differs from the running ones: fewer
-    branches: int  # positions of the DEMUX branches that run: fewer
+    branches: int  # sum of the positions of running branches in their DEMUXes: fewer
     bus_mbit_per_s: int  # thousandths of a bit/s over all buses: fewer
     cpu_millis: int  # thousandths of a reference core: fewer
 
     def key(self) -> tuple[int, ...]:
-        """Ten integers that compare as the objectives do: the greater is the better."""
+        """Ten integers that compare as objectives do: the greater key is the better one."""
         costs = (self.changes, self.branches, self.bus_mbit_per_s, self.cpu_millis)
         return (*self.critical, self.utility, self.inputs, *(-cost for cost in costs))
 
     @classmethod
     def of_key(cls, key: Sequence[int]) -> Self:
-        """Give the objective that has a key; raises ValueError where that is not ten integers."""
+        """Give the objective that has this key; raises ValueError where the key is not ten integers."""
         a, b, c, d, utility, inputs, *costs = key
         changes, branches, bus_mbit_per_s, cpu_millis = (-cost for cost in costs)
         return cls((a, b, c, d), utility, inputs, changes, branches, bus_mbit_per_s, cpu_millis)
 
     @property
     def bus_bits_per_s(self) -> int:
-        """Published bits per second over all buses, rounded down once, as reported."""
+        """Published bits per second over all buses; the sum is rounded down, as in reports."""
         return self.bus_mbit_per_s // 1000
 
 
 def score(
     spec: Spec, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Value a configuration in a situation; with no running configuration nothing counts as a change."""
+    """Compute the objective of a configuration in a situation; without `running` nothing counts as a change."""
     return score_among(survivors(spec, now), now.phase, configuration, running)
 
 
 def score_among(
     left: Survivors, phase: str | None, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Do what `score` does, where the survivors of the situation are known already."""
+    """Do what `score` does, for survivors that are already computed."""
     spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
     published = hops(left, configuration)
@@ -82,13 +81,13 @@ def score_among(
 
 
 def serving_modules(spec: Spec, configuration: Configuration) -> Iterator[tuple[Function, str | None]]:
-    """Every function with the running module that serves it (None: it is not served)."""
+    """Give every function with the running module that serves it; None: it is not served."""
     for function in spec.functions.values():
         yield function, next((m for m in function.outputs if m in configuration.modules), None)
 
 
 def value_of(spec: Spec, configuration: Configuration, function: Function, output: str) -> int:
-    """Value of a function that the running module `output` serves, by that module's mode."""
+    """Value of a function that the running module `output` serves, in that module's mode."""
     module = spec.modules[output]
     return function.value_of(module.mode_index(configuration.modules[output].mode), len(module.modes))
 

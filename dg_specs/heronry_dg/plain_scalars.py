@@ -1,11 +1,11 @@
-"""What a plain (unquoted) YAML scalar stands for.
+"""The value of a plain (unquoted) YAML scalar.
 
 YAML 1.1 and 1.2, and the programs that read them, disagree about `on`, `017`, `12:30:45`, `1_000` and their like. A
-spec must mean one thing everywhere, so such a scalar is refused, with what to write instead. What is left is the
-grammar of JSON for numbers (`-1`, `0.05`, `1e-5`), `true` and `false`, `null`, `~` or nothing at all, and text.
+spec must have one meaning everywhere, so such a scalar is refused, with a hint what to write instead. Accepted are
+numbers in the grammar of JSON (`-1`, `0.05`, `1e-5`), `true`, `false`, `null`, `~`, an empty scalar, and text.
 
-Numbers stay exact: an integer is an `int`, any other number a `Decimal`, whose digits are those of the file. Both are
-short, so no later arithmetic on them can be made to run for long.
+Numbers stay exact: an integer is an `int`, any other number a `Decimal`, whose digits are those of the file. The length
+of both is limited, so that no spec can make later arithmetic run for long.
 
 Source: YAML 1.1 types (yaml.org/type: bool, int, float, null, timestamp, merge, value) and YAML 1.2 section 10.3.
 """
@@ -42,16 +42,16 @@ _MAY_BE_A_NUMBER = frozenset("0123456789+-.")
 
 @dataclass(frozen=True, slots=True)
 class Surprise:
-    """A scalar that other readers of YAML take for something else."""
+    """A scalar that other YAML programs read as another value."""
 
     rule: Rule
     sentence: str
     hint: str
 
 
-@lru_cache(maxsize=4096)  # the same words occur again and again in a file
+@lru_cache(maxsize=4096)  # a file repeats the same words
 def resolve(text: str) -> Value | Surprise:
-    """Value of a plain scalar, or why it is refused."""
+    """Give the value of a plain scalar, or the reason why it is refused."""
     if text in _WORDS:
         return _WORDS[text]
     if text[0] in _MAY_BE_A_NUMBER:
@@ -62,7 +62,7 @@ def resolve(text: str) -> Value | Surprise:
 def _word(text: str) -> str | Surprise:
     if text in _SPELLINGS:
         hint = f"write {_SPELLINGS[text]}, or '{text}' in quotes for text"
-        return Surprise(file.WORD_READ_DIFFERENTLY, f"'{text}' is read in several ways", hint)
+        return Surprise(file.WORD_READ_DIFFERENTLY, f"programs read '{text}' in different ways", hint)
     if text in _BOOLEANS:
         sentence = f"some programs read '{text}' as {_BOOLEANS[text]}"
         hint = f"write {_BOOLEANS[text]}, or '{text}' in quotes for text"
@@ -87,7 +87,7 @@ def _number(text: str) -> int | Decimal | str | Surprise:
 
 
 def _odd_number(text: str) -> str | Surprise:
-    """Refuse what some programs, though not this one, read as a number; anything else is text (`64KiB`)."""
+    """Refuse text that some other programs read as a number; any other text is accepted (`64KiB`)."""
     shown = text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "..."
     if _OTHER_BASE.fullmatch(text):
         return Surprise(file.NOT_DECIMAL, f"'{shown}' is not a decimal number", _decimal_hint(text))

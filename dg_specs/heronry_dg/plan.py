@@ -1,14 +1,14 @@
-"""A plan: a configuration with the situation it is for, what it is worth, whether that is proven, and its report.
+"""A plan: a configuration with its situation, its objective, the proof that it is optimal, and a report.
 
-The report (`plan_report`: functions, PEs, buses) follows from the rest, and is computed when it is read. The JSON form
-is the file that `heronry plan` writes. What reads it:
+The report (`plan_report`: functions, PEs, buses) follows from the other parts, and is computed when it is read.
+`heronry plan` writes a plan as a JSON file. These functions read such a file:
 
-    read_plan            all of it, for a plan of this project; its value and its report are worked out anew
-    read_situation       phase, faults and limits; what is missing is as in a healthy first phase
-    read_configuration   nothing but `modules`: a plan to be verified may come from any planner
-    read_running         nothing but `pe` and `mode` of the modules: what runs now
+    read_plan            everything, of a plan of this project; objective and report are computed anew
+    read_situation       phase, faults and limits; a missing one is that of a healthy system in the first phase
+    read_configuration   only `modules`, since a plan to be verified may come from any planner
+    read_running         only `pe` and `mode` of each module: the placement that runs now
 
-Whatever is malformed gives one PlanError, whose sentence names the place.
+A malformed file raises PlanError, whose sentence names the place.
 """
 
 import json
@@ -27,9 +27,9 @@ from heronry_wire.errors import HeronryError
 
 Json = dict[str, object]
 Bounds = Sequence[int | None]
-"""For each of the ten integers of `Objective.key`, what it cannot exceed (None: not known).
+"""For each of the ten integers of `Objective.key` an upper bound (None: not known).
 
-It holds among the legal configurations that are no worse in the levels above.
+A bound holds for all legal configurations that are no worse on the levels above.
 """
 
 LEVELS = (
@@ -46,44 +46,44 @@ _T = TypeVar("_T")
 
 
 class PlanError(HeronryError, ValueError):
-    """A plan file that cannot be used; the message is one sentence with the place and what is wrong there."""
+    """A plan file cannot be used; the message is one sentence that names the place and the mistake."""
 
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective, and the best that it could be with all levels above it as good as they are."""
+    """A level of the objective, with the bound of what it could be when all levels above keep their values."""
 
     level: str
     value: int
-    bound: int | None  # no legal configuration is better; None: not known
-    proven: bool  # value and bound are the same, before the rounding of bits per second
+    bound: int | None  # no legal configuration has a better value; None: not known
+    proven: bool  # value and bound are equal, before bits per second are rounded
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A configuration with its proof and its report; `make_plan` makes them."""
+    """A plan; `make_plan` makes plans."""
 
     spec: str  # digest of the spec's file: SHA-256, hexadecimal
     now: Situation
     configuration: Configuration
     objective: Objective
-    optimal: bool  # proven to be the best there is
+    optimal: bool  # proven to be the best legal configuration
     levels: Sequence[LevelReport]  # most important first
     report: Report = field(compare=False, repr=False)  # follows from the rest
 
     @property
     def functions(self) -> Mapping[str, FunctionReport]:
-        """How each function is served, or why not."""
+        """How each function is served, or why it is not."""
         return self.report.functions
 
     @property
     def pes(self) -> Mapping[str, PeReport]:
-        """What is used of each PE."""
+        """CPU, RAM and flash used on each PE."""
         return self.report.pes
 
     @property
     def buses(self) -> Mapping[str, BusReport]:
-        """What is published on each bus."""
+        """Bandwidth used on each bus."""
         return self.report.buses
 
     def document(self) -> Json:
@@ -125,10 +125,10 @@ def make_plan(
     bounds: Bounds | None = None,
     reasons: Mapping[str, str] | None = None,
 ) -> Plan:
-    """Put a plan together; its report is worked out when it is read.
+    """Make a plan; its report is computed when it is read.
 
-    bounds: how good each level could be; None: as good as it is for an optimal plan, not known for another one.
-    reasons: why functions are not served, where the planner knows better than `why_not` does by itself.
+    bounds: how good each level could be; None: for an optimal plan the values themselves, for another plan not known.
+    reasons: why functions are not served, where the planner knows more than `why_not`.
     Every name in the configuration must exist in the spec.
     """
     in_order = Configuration(
@@ -148,13 +148,13 @@ def make_plan(
 def plan_with_bounds(
     spec: Spec, now: Situation, configuration: Configuration, objective: Objective, bounds: Sequence[int]
 ) -> Plan:
-    """Put together what a search has found; it is proven to be the best where it stands at its bounds."""
+    """Make a plan from the result of a search; it is optimal where every level equals its bound."""
     optimal = tuple(bounds) == objective.key()
     return make_plan(spec, now, configuration, objective, optimal=optimal, bounds=bounds)
 
 
 def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelReport, ...]:
-    """For each level its value and how good it could be; without bounds the latter is not known."""
+    """Give value and bound of each level; without `bounds` the bounds are not known."""
     bounds = bounds or (None,) * len(LEVELS)
     return tuple(
         LevelReport(
@@ -168,7 +168,7 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
 
 
 def _reported(level: str, key: int) -> int:
-    """Turn an integer of `Objective.key` into what is reported: costs as such, bits per second rounded down."""
+    """Convert an integer of `Objective.key` to the reported number: costs positive, bits per second rounded down."""
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
@@ -186,7 +186,7 @@ def _objective_json(objective: Objective) -> Json:
 
 
 def modules_json(configuration: Configuration) -> Json:
-    """Write a configuration as `modules` of a plan file."""
+    """Give a configuration as the object `modules` of a plan file."""
     return {name: _running_json(running) for name, running in configuration.modules.items()}
 
 
@@ -199,16 +199,19 @@ def _running_json(running: Running) -> Json:
 
 
 def _percent(share: Fraction) -> str:
-    """Write a share exactly: every limit that a user can write is a finite decimal."""
+    """Write a share as an exact percentage; every limit that a user can write is a finite decimal."""
     percent = Decimal(share.numerator * 100) / share.denominator
     return f"{percent.normalize():f}%"
 
 
 def read_plan(text: str, spec: Spec) -> Plan:
-    """Read a plan of this project back; its report is computed anew, and its value and proof must agree with it."""
+    """Read a plan that `to_json` wrote.
+
+    Raises PlanError, also where objective or levels do not fit the configuration.
+    """
     document = _document(text)
     if _field(document, "spec", str, "the plan") != spec.digest:
-        raise PlanError(f"the plan was made for another file than spec {spec.name}: plan again")
+        raise PlanError(f"the plan was made for another spec, or another version of spec {spec.name}: plan again")
     now = read_situation(text, spec)
     configuration = read_configuration(text)
     check_names(spec, configuration)
@@ -216,14 +219,14 @@ def read_plan(text: str, spec: Spec) -> Plan:
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
     if claimed != _objective_json(objective):
-        raise PlanError("objective is not what the plan's configuration is worth: plan again")
+        raise PlanError("objective does not fit the plan's configuration: plan again")
     optimal = _field(document, "optimal", bool, "the plan")
     made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
     return replace(made, levels=_claimed_levels(document, made.levels)) if "levels" in document else made
 
 
 def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[LevelReport, ...]:
-    """Read what a plan says that is proven of its levels; their values must be those of its objective."""
+    """Read the levels of a plan with their bounds; the values must be those of its objective."""
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
@@ -245,7 +248,7 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read phase, faults and limits of a plan; one that is not given is as in a healthy system's first phase."""
+    """Read phase, faults and limits of a plan; a missing one is that of a healthy system in the first phase."""
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):
@@ -262,17 +265,17 @@ def read_situation(text: str, spec: Spec) -> Situation:
 
 
 def read_configuration(text: str) -> Configuration:
-    """Read what runs where and how it is wired; nothing but `modules` is looked at, and no name is looked up."""
+    """Read the configuration from `modules` of a plan; other keys are ignored, and names are not checked."""
     return configuration_of(_document(text))
 
 
 def configuration_of(document: Json) -> Configuration:
-    """Read the same from a parsed JSON document."""
+    """Do what `read_configuration` does, for a parsed JSON document."""
     return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(document)})
 
 
 def read_running(text: str, spec: Spec) -> Placement:
-    """Read mode and PE of each module, which the spec must have; nothing else is looked at."""
+    """Read mode and PE of each module, which the spec must have; other keys are ignored."""
     running = {
         name: (_field(fields, "mode", str, f"modules.{name}"), _field(fields, "pe", str, f"modules.{name}"))
         for name, fields in _modules(_document(text))
@@ -322,7 +325,7 @@ def _check_place(spec: Spec, name: str, mode: str, pe: str) -> None:
 
 
 def check_names(spec: Spec, configuration: Configuration) -> None:
-    """Refuse what cannot even be valued, with a PlanError; whether it is legal is for `verify` to say."""
+    """Raise PlanError for names that the spec does not have; `verify` checks whether the configuration is legal."""
     for name, running in configuration.modules.items():
         _check_place(spec, name, running.mode, running.pe)
         leaves = dict(configuration.mode(spec, name).leaves())
@@ -341,11 +344,11 @@ def _document(text: str) -> Json:
     except json.JSONDecodeError as error:
         raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg})") from None
     except RecursionError:
-        raise PlanError("the plan is nested too deeply to be one") from None
+        raise PlanError("the file is nested too deeply to be a plan") from None
     except PlanError:
         raise
     except ValueError:
-        raise PlanError("the plan holds a number too long to be one") from None
+        raise PlanError("the file holds a number too long for a plan") from None
     if not isinstance(document, dict):
         raise PlanError(f"the plan is {_shown(document)} and must be an object")
     return document

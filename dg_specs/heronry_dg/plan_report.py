@@ -1,7 +1,7 @@
-"""The report of a plan: how each function is served, and what is used of each PE and each bus.
+"""The report of a plan: how each function is served, and how much of each PE and each bus is used.
 
-It follows from the spec, the situation and the configuration, and is for people and other programs. So it is computed
-when it is read, each part once: the reasons why functions are not served take longer than many a plan.
+The report follows from the spec, the situation and the configuration, and serves people and other programs. Each part
+is computed once, when it is first read, because finding out why functions are not served may take longer than planning.
 """
 
 from collections.abc import Mapping
@@ -18,17 +18,17 @@ from heronry_dg.why_not import Feasible, feasible, why_not
 
 @dataclass(frozen=True, slots=True)
 class FunctionReport:
-    """How a function is served, or why not."""
+    """How a function is served, or why it is not."""
 
     served: bool
-    mode: str | None  # of the module that serves it
-    value: int  # of that mode; 0 when not served
+    mode: str | None  # mode of the module that serves it
+    value: int  # value in that mode; 0 when not served
     why_not: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class PeReport:
-    """What is used of a PE: CPU in thousandths of a reference core, memory in bytes."""
+    """Used capacity of a PE: CPU in thousandths of a reference core, RAM and flash in bytes."""
 
     cpu_millis: int
     ram: int
@@ -37,7 +37,7 @@ class PeReport:
 
 @dataclass(frozen=True, slots=True)
 class BusReport:
-    """What is published on a bus, rounded down, and its share of the bit rate."""
+    """Bandwidth published on a bus, rounded down, and its share of the bit rate."""
 
     bits_per_s: int
     load: float
@@ -49,7 +49,7 @@ class Report:
     def __init__(
         self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
     ) -> None:
-        """`reasons`: why functions are not served, where the planner knows better than `why_not` does by itself.
+        """reasons: why functions are not served, where the planner knows more than `why_not`.
 
         Every name in the configuration must exist in the spec.
         """
@@ -60,12 +60,12 @@ class Report:
         return Report(self._spec, self._now, self._configuration, reasons)
 
     def work_out(self) -> None:
-        """Compute everything now, so that reading it takes no time."""
+        """Compute all parts now, so that reading them takes no time."""
         _ = self.functions, self.pes, self.buses
 
     @cached_property
     def functions(self) -> Mapping[str, FunctionReport]:
-        """How each function is served, or why not, in the spec's order."""
+        """How each function is served, or why it is not, in the spec's order."""
         found: Feasible | None = None
         reports = {}
         for function, output in serving_modules(self._spec, self._configuration):
@@ -83,7 +83,7 @@ class Report:
 
     @cached_property
     def pes(self) -> Mapping[str, PeReport]:
-        """What is used of each PE."""
+        """CPU, RAM and flash used on each PE."""
         return {name: self._pe(name) for name in self._spec.pes}
 
     def _pe(self, pe: str) -> PeReport:
@@ -97,7 +97,7 @@ class Report:
 
     @cached_property
     def buses(self) -> Mapping[str, BusReport]:
-        """What is published on each bus."""
+        """Bandwidth used on each bus."""
         published = hops(survivors(self._spec, self._now), self._configuration)
         return {
             bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * self._spec.buses[bus].bitrate))

@@ -1,8 +1,9 @@
-"""Quantities, from what a file says to exact integers (or fractions) in the units of the model.
+"""Converts quantities in a file to exact integers (or fractions) in the units of the model.
 
-A file says `0.05` cores, `64KiB`, `12.5` Hz or ms; inside, CPU is thousandths of a reference core, memory bytes, a rate
-millihertz, a time nanoseconds. The decimal text is converted exactly: what is finer than the unit inside is an error
-and is never rounded. Bounds keep every sum of quantities far inside 64 bits, in which the planner's solver counts.
+A file gives cores (`0.05`), memory (`64KiB`), Hz (`12.5`) or ms. In the model CPU is in thousandths of a reference
+core, memory in bytes, a rate in millihertz, a time in nanoseconds. The conversion is exact: a value finer than the unit
+of the model is an error, and is never rounded. Bounds keep every sum of quantities far inside the 64 bits of the
+planner's solver.
 """
 
 import re
@@ -22,12 +23,12 @@ MOST_MS: Final = 3_600_000
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
 _WITH_UNIT = re.compile(r"(?P<number>-?[0-9]+(?:\.[0-9]+)?) ?(?P<unit>%|[A-Za-z][A-Za-z/]*)?")
 _LONGEST_SHOWN_NUMBER: Final = 12
-_FINEST_SHOWN: Final = 1_000_000  # parts of a unit: what is finer has too many digits to be read
+_FINEST_SHOWN: Final = 1_000_000  # parts of a unit: finer numbers have too many digits to show
 _UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
 class UnfitError(ValueError):
-    """A value that does not fit its field: by which rule, and a sentence without a subject ("must be ...")."""
+    """A value does not fit its field: the rule, a sentence without its subject ("must be ..."), and a hint."""
 
     def __init__(self, rule: Rule, sentence: str, hint: str = "") -> None:
         super().__init__(sentence)
@@ -35,32 +36,32 @@ class UnfitError(ValueError):
 
 
 def cpu_millis(value: object) -> int:
-    """Thousandths of a reference core, from cores; raises UnfitError for what is negative, too large or finer."""
+    """Convert cores to thousandths; raises UnfitError for a value that is negative, too large or too fine."""
     return _whole(value, 1000, MOST_CORES, "a thousandth of a core")
 
 
 def positive_cpu_millis(value: object) -> int:
-    """As `cpu_millis`, but more than nothing."""
+    """Convert as `cpu_millis` does, but refuse 0."""
     return _positive(cpu_millis(value), value)
 
 
 def rate_mhz(value: object) -> int:
-    """Millihertz, from Hz; raises UnfitError for what is not positive, too large or finer."""
+    """Convert Hz to millihertz; raises UnfitError for a value that is not positive, too large or too fine."""
     return _positive(_whole(value, 1000, MOST_HZ, "a millihertz"), value)
 
 
 def span_ns(value: object) -> int:
-    """Nanoseconds, from milliseconds; 0 is allowed. Raises UnfitError for what is negative, too large or finer."""
+    """Convert milliseconds to nanoseconds; raises UnfitError for a value that is negative, too large or too fine."""
     return _whole(value, 1_000_000, MOST_MS, "a nanosecond")
 
 
 def period_ns(value: object) -> int:
-    """As `span_ns`, but more than nothing."""
+    """Convert as `span_ns` does, but refuse 0."""
     return _positive(span_ns(value), value)
 
 
 def memory_bytes(value: object) -> int:
-    """Bytes, from a plain number of bytes or `64KiB`, `2MiB`, `1GiB`; raises UnfitError for anything else."""
+    """Convert a number of bytes, or a text such as `64KiB`, `2MiB` or `1GiB`, to bytes; raises UnfitError otherwise."""
     if not isinstance(value, str):
         return _whole(value, 1, LARGEST_MEMORY, "a byte")
     match = _MEMORY.fullmatch(value)
@@ -72,12 +73,12 @@ def memory_bytes(value: object) -> int:
 
 
 def positive_memory_bytes(value: object) -> int:
-    """As `memory_bytes`, but more than nothing."""
+    """Convert as `memory_bytes` does, but refuse 0."""
     return _positive(memory_bytes(value), value)
 
 
 def share(value: object) -> Fraction:
-    """A share of a whole, 0 to 1; raises UnfitError for anything else."""
+    """Convert a share, 0 to 1; raises UnfitError for any other value."""
     exact = number(value)
     if not 0 <= exact <= 1:
         raise UnfitError(rules.OUT_OF_RANGE, f"must be a share from 0 to 1, not {value}", "write 0.8 for 80 %")
@@ -85,7 +86,7 @@ def share(value: object) -> Fraction:
 
 
 def failures_per_hour(value: object) -> Fraction:
-    """A failure rate, 0 or more; raises UnfitError for anything else."""
+    """Convert a failure rate per hour, 0 or more; raises UnfitError for any other value."""
     exact = number(value)
     if exact < 0:
         raise UnfitError(
@@ -95,7 +96,7 @@ def failures_per_hour(value: object) -> Fraction:
 
 
 def number(value: object) -> Fraction:
-    """The exact number; raises UnfitError for what is none."""
+    """Convert a number exactly; raises UnfitError for a value that is not a number."""
     return Fraction(_numeric(value))
 
 
@@ -124,7 +125,7 @@ def _whole(value: object, factor: int, most: int, unit: str) -> int:
     whole, rest = divmod(above * factor, below)
     if rest:
         next_one = Fraction(whole + 1, factor)
-        hint = f"write {float(next_one):.10g}, which is the next one above" if factor <= _FINEST_SHOWN else "round it"
+        hint = f"write {float(next_one):.10g}, the next possible value above" if factor <= _FINEST_SHOWN else "round it"
         raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, as {value} is", hint)
     return whole
 

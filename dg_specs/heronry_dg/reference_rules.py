@@ -1,7 +1,7 @@
-"""What must hold between the elements of a spec, its gates apart: names refer to something, numbers fit one another.
+"""Checks between the elements of a spec, except gates: names refer to something, and numbers fit one another.
 
-Each rule looks at the draft and adds findings. A rule skips broken elements, about which there is a finding already; a
-reference to one of them is correct, since the name is there.
+Each rule reads the draft and adds findings. A rule skips broken elements, which already have a finding; a reference to
+a broken element is correct, since the name exists.
 
 Source: docs/semantics.md, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
 """
@@ -47,12 +47,12 @@ class _ReferenceRules:
         self._findings = findings
 
     def buses(self) -> None:
-        """Data has some bandwidth, and a wire is no faster than CAN."""
+        """Check that each bus leaves some bandwidth to data, and that a wired bus is no faster than CAN."""
         for bus, form in _whole(self._draft.buses):
             if form.max_load <= form.reserve:
                 sentence = f"'reserve' of bus '{bus.name}' leaves nothing of its 'max_load' to data"
                 self._findings.add(
-                    rules.NOTHING_LEFT, _value_place(bus, "reserve"), sentence, "make max_load the larger one"
+                    rules.NOTHING_LEFT, _value_place(bus, "reserve"), sentence, "make max_load larger than reserve"
                 )
             if form.kind == "wired" and form.bitrate > FASTEST_WIRE_BITS_PER_S:
                 sentence = f"bus '{bus.name}' is wired and faster than CAN: {form.bitrate} bit/s"
@@ -60,7 +60,7 @@ class _ReferenceRules:
                 self._findings.add(rules.TOO_FAST_A_WIRE, _value_place(bus, "bitrate"), sentence, hint)
 
     def pes(self) -> None:
-        """Buses exist and form a forest, node-IDs differ."""
+        """Check that the buses of PEs exist and form a forest, and that node-IDs differ."""
         nodes: dict[int, str] = {}
         network = _Forest()
         for pe, form in _whole(self._draft.pes):
@@ -76,12 +76,12 @@ class _ReferenceRules:
                     self._findings.add(graph.SECOND_ROUTE, _value_place(pe, "buses", index), sentence, hint)
 
     def manager(self) -> None:
-        """The manager's bus exists, and is a wired one where there is one."""
+        """Check that the manager's bus exists, and is wired if any bus is."""
         manager, form = self._draft.manager, self._draft.manager.form
         if form is None or any(bus.form is None for bus in self._draft.buses.values()):
             return
         if self._draft.header is None:
-            return  # a section may be misspelt, and be the one that is missing
+            return  # a section with a misspelt name may be the one that is missing
         wired = [bus.name for bus, form in _whole(self._draft.buses) if form.kind == "wired"]
         place = _value_place(manager, "bus")
         if not self._draft.buses:
@@ -89,7 +89,7 @@ class _ReferenceRules:
             self._findings.add(graph.MANAGER_BUS, place, "there is no bus", "write buses: {can0: {bitrate: 1000000}}")
         elif form.bus is None and not wired:
             place = yaml_source.key_place(self._draft.root, "buses")
-            sentence = "no bus is wired, and the manager's is not given"
+            sentence = "no bus is wired, and no bus is given for the manager"
             self._findings.add(graph.MANAGER_BUS, place, sentence, "write manager: {bus: NAME}")
         elif form.bus is not None and form.bus not in self._draft.buses:
             self._findings.unknown(graph.UNKNOWN_NAME, place, "bus", form.bus, self._draft.buses.keys())
@@ -98,12 +98,12 @@ class _ReferenceRules:
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def devices(self) -> None:
-        """PEs of devices exist."""
+        """Check that the PEs of devices exist."""
         for device, form in _whole(self._draft.devices):
             self._name(_value_place(device, "pe"), "pe", form.pe, self._draft.pes)
 
     def variables(self) -> None:
-        """Types exist, identifiers differ, initial values fit, no gate has the name."""
+        """Check that types exist, identifiers differ, initial values fit, and no gate has a variable's name."""
         holders: dict[int, str] = {}
         for variable, form in _whole(self._draft.variables):
             if form.type not in DataType.__members__:
@@ -115,7 +115,7 @@ class _ReferenceRules:
             other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
             if other != variable.name:
                 sentence = f"variable '{variable.name}' has the identifier of '{other}', {form.identifier}"
-                hint = "leave it out, and one is allocated"
+                hint = "leave 'identifier' out: then one is allocated"
                 self._findings.add(graph.IDENTIFIER_TWICE, _value_place(variable, "identifier"), sentence, hint)
         for name, place in self._gate_names():
             if name in self._draft.variables:
@@ -125,7 +125,7 @@ class _ReferenceRules:
                 )
 
     def modules(self) -> None:
-        """Devices, PEs and given variables exist; a device's PE is allowed; versions are in range."""
+        """Check that devices, PEs and given variables exist, a device's PE is allowed, and versions are in range."""
         for module in self._draft.modules.values():
             if module.form is not None:
                 self._module_place(module, module.form)
@@ -136,7 +136,7 @@ class _ReferenceRules:
             self._name(_value_place(demux, "demux"), "variable", demux_form.demux, self._draft.variables)
 
     def functions(self) -> None:
-        """Outputs and phases exist, and there is a value for every mode."""
+        """Check that the outputs and phases that functions name exist."""
         outputs = {**self._draft.modules, **self._draft.demuxes}
         for function, form in _whole(self._draft.functions):
             place = _value_place(function, "output")
@@ -152,7 +152,7 @@ class _ReferenceRules:
                 self._phase_keys(function, field, by_phase)
 
     def phases(self) -> None:
-        """Rules watch a variable that exists and is a number, in one direction; phases to plan for exist."""
+        """Check that phase rules watch a number in one direction, and that the phases to plan for exist."""
         for phase, form in _whole(self._draft.phases):
             if phase.name == schema.DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
@@ -165,7 +165,7 @@ class _ReferenceRules:
             self._names(contingency, "phases", contingency.form.phases, "phase", self._draft.phases)
 
     def placement(self) -> None:
-        """Modules that placement rules name exist."""
+        """Check that the modules that placement rules name exist."""
         if self._draft.header is None:
             return
         for rule, groups in (("separate", self._draft.header.separate), ("together", self._draft.header.together)):
@@ -226,7 +226,7 @@ class _ReferenceRules:
         if (when.above is None) == (when.below is None):
             sentence = f"'when' of phase '{phase.name}' must have exactly one of 'above' and 'below'"
             place = yaml_source.key_place(phase.node, "when")
-            self._findings.add(rules.ONE_THRESHOLD, place, sentence, "write one of them")
+            self._findings.add(rules.ONE_THRESHOLD, place, sentence, "write either 'above' or 'below'")
 
     def _names(
         self, element: Element[Form], field: str, names: Iterable[str], kind: str, known: Collection[str]
@@ -244,13 +244,13 @@ class _ReferenceRules:
 
 
 class _Forest:
-    """Sets of things that are connected, by union and find."""
+    """Sets of connected things (union-find)."""
 
     def __init__(self) -> None:
         self._parents: dict[str, str] = {}
 
     def join(self, one: str, other: str) -> bool:
-        """Connect two things; False where they were connected before."""
+        """Connect two things; False if they were already connected."""
         a, b = self._root(one), self._root(other)
         self._parents[a] = b
         return a != b
@@ -263,7 +263,7 @@ class _Forest:
 
 
 def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
-    """An `initial` of the file as the model has it; raises TypeError for what no data type carries."""
+    """Convert an `initial` of the file to its value in the model; raises TypeError for a value of no data type."""
     match value:
         case bool() | dict():
             raise TypeError(f"no data type carries {shown(value)}")
@@ -278,12 +278,12 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:
-    """Elements that are not broken, with their fields."""
+    """Give the elements that are not broken, with their fields."""
     return ((element, element.form) for element in elements.values() if element.form is not None)
 
 
 def _value_place(element: Element[Form], *path: str | int) -> Place:
-    """Place of a value; of the element's name where the file does not have the value."""
+    """Place of a value in the file, or of the element's name where the value is missing."""
     place = yaml_source.place_at(element.node, path)
     return element.place if place == element.node.place else place
 

@@ -1,12 +1,13 @@
-"""How late a datum can arrive: the response-time analysis of every bus (semantics.md rule 9).
+"""Computes how late a datum can arrive, by response-time analysis of every bus (semantics rule 9).
 
-The analysis itself is `heronry_wire.timing`; this file says what is on each wired bus: above all data, one 8-byte
-frame per PE of the bus (up or not: it may come back) and two of the manager in each heartbeat period; then the data
-by identifier; and one 8-byte frame of less priority that has just started.
+The analysis itself is `heronry_wire.timing`; this file gives it the frames on each wired bus. Above all data there are
+one 8-byte frame per PE of the bus (even of a PE that is down, which may come back) and two frames of the manager in
+each heartbeat period. Then come the data by identifier, and one 8-byte frame of lower priority that has just started.
 
-What a datum took to cross one bus is its jitter on the next, so a response counts from the source. A wireless bus is
-not analysed and adds nothing. Data may cross two buses in both directions, so the buses are gone through again and
-again until no jitter changes. That ends: what delays a datum has a smaller identifier, and the same one on every bus.
+The delay of a datum on one bus is its jitter on the next, so a response time counts from the source. A wireless bus is
+not analysed and adds nothing. Data may cross two buses in both directions, so the analysis of all buses is repeated
+until no jitter changes. This ends, because only data with smaller identifiers delay a datum, and a datum has the same
+identifier on every bus.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,19 +26,19 @@ MANAGER_FRAMES = 2  # LEASE and ALIVE, in each heartbeat period
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The longest time from when a datum is due at its source to its last bit on a wired bus."""
+    """The longest time from when a datum is due at its source until its last bit is sent on a bus."""
 
     hop: Hop
-    response_ns: int | None  # rounded up; None: there is no bound
+    response_ns: int | None  # rounded up; None: unbounded
     deadline_ns: int  # rounded down
     meets_deadline: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """A datum that can miss its deadline, and every hop that its response time depends on, its own included.
+    """A hop whose datum can miss its deadline, and all hops on which its response time depends (itself included).
 
-    As long as all of those are published, whatever else is, it stays late.
+    As long as all of these are published, the datum is late, whatever else is published.
     """
 
     hop: Hop
@@ -53,10 +54,10 @@ class ResponseTimes:
         self.spec = spec
         self.identifiers = identifiers(spec)
         self.management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
-        self._punctual: dict[Hop, Message] = {}  # without jitter, as far as they have been computed
+        self._punctual: dict[Hop, Message] = {}  # messages without jitter, computed so far
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
-        """Response time of every hop on a wired bus: by bus in the spec's order, by priority."""
+        """Compute the response time of every hop on a wired bus, in order of bus (as in the spec) and priority."""
         by_bus = self._by_bus(published)
         delays = self._delays_ns(by_bus)
         return [
@@ -67,7 +68,7 @@ class ResponseTimes:
         ]
 
     def late(self, published: Iterable[Hop]) -> list[Late]:
-        """Every hop that can miss its deadline, in the order of `responses`, with what makes it late."""
+        """Find every hop that can miss its deadline, with the hops that make it late, in the order of `responses`."""
         published = tuple(published)
         missed = [response for response in self.responses(published) if not response.meets_deadline]
         by_bus = self._by_bus(published)
@@ -82,9 +83,9 @@ class ResponseTimes:
         return by_bus
 
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
-        """Exact time from the source to the end of each hop, wireless ones included; None: unbounded."""
+        """Compute the exact time from the source to the end of each hop, wireless hops included; None: unbounded."""
         delays: dict[tuple[str, str, str], Fraction | None] = {}
-        analysed: dict[str, list[Fraction | None]] = {}  # bus -> the jitters that its delays follow from
+        analysed: dict[str, list[Fraction | None]] = {}  # bus -> the jitters from which its delays were computed
         while True:
             changed = False
             for bus, hops_there in by_bus.items():
@@ -102,7 +103,10 @@ class ResponseTimes:
                 return delays
 
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
-        """Delay at the end of one wired bus, by priority; below one that is unbounded all are."""
+        """Compute the delays at the end of a wired bus, in order of priority.
+
+        Below an unbounded one all are unbounded.
+        """
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [
             self.message(hop, jitter)
@@ -119,7 +123,7 @@ class ResponseTimes:
         return Fraction(self.spec.buses[bus].bitrate, _NS_PER_S)
 
     def message(self, hop: Hop, jitter_ns: Fraction = _NONE) -> Message:
-        """A hop as the analysis of its bus sees it, in bit times."""
+        """Convert a hop to a message of the analysis of its bus, in bit times."""
         bits_per_ns = self.bits_per_ns(hop.bus)
         punctual = self._punctual.get(hop)
         if punctual is None:
@@ -152,7 +156,7 @@ class ResponseTimes:
         return frozenset(found)
 
     def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
-        """Hops that a delay depends on directly: more urgent ones on a wired bus, and its own one before."""
+        """Hops on which a hop's delay depends directly: more urgent hops on a wired bus, and its own previous hop."""
         if self.spec.buses[hop.bus].kind == "wired":
             there = by_bus[hop.bus]
             yield from there[: there.index(hop)]
@@ -165,7 +169,7 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 
 
 def _management(spec: Spec, bus: Bus) -> list[Message]:
-    """What is sent above all data: the state of each PE, and the manager's own, each once in a heartbeat period."""
+    """The frames above all data: the state of each PE, and those of the manager, each once in a heartbeat period."""
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
     senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders
@@ -176,6 +180,6 @@ def _period_ns(spec: Spec, hop: Hop) -> Fraction:
 
 
 def _deadline_ns(spec: Spec, hop: Hop) -> Fraction:
-    """Deadline of a datum from when it is due; where the spec gives none, its period."""
+    """Deadline of a datum, from when it is due; its period where the spec gives none."""
     given = spec.variables[hop.variable].deadline_ns
     return _period_ns(spec, hop) if given is None else Fraction(given)

@@ -1,9 +1,9 @@
-"""The fields of a spec: what may be written, what each field means, and what counts where it is left out.
+"""The fields of a spec: their allowed values, meanings and defaults.
 
-One pydantic model per kind of element, each field with its description and examples; the file's JSON schema comes from
-here as well. The models check one element at a time and know nothing of the others: reference_rules.py checks whether a
-name refers to something. Field names are those of the file; where the unit inside differs, the attribute has another
-name than the field (`rate_hz` is kept as `rate_mhz`).
+There is one pydantic model per kind of element, with a description and examples of each field; the JSON schema is
+generated from these models. A model checks one element by itself; reference_rules.py checks whether names refer to
+something. Field names are those of the file. If the model has another unit than the file, the attribute has another
+name than the field (`rate_hz` becomes `rate_mhz`).
 
 Gate expressions are `Any` here: expression_reader.py reads them from the tree, because it must name places in them.
 """
@@ -32,7 +32,7 @@ from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
 
-NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier, and free of the marks of ELEMENT=40%
+NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier; has no character of ELEMENT=40%
 DEFAULT_PHASE: Final = "default"
 ONLY_MODE: Final = "only"
 MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
@@ -42,7 +42,7 @@ _NS_PER_MS: Final = 1_000_000
 
 
 def _default(element: type, field: str) -> Any:
-    """The default of a field, which only the model defines."""
+    """Give the default of a field from the model, the only place that defines it."""
     return next(one.default for one in fields(element) if one.name == field)
 
 
@@ -130,7 +130,7 @@ DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_t
 
 
 class Form(BaseModel):
-    """What all elements share: no unknown fields, no guessing of types; a key without a value counts as left out."""
+    """Base of all elements: no unknown fields, no conversion of types; a key without a value counts as left out."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
@@ -144,15 +144,15 @@ class Form(BaseModel):
 
 @cache
 def field_names(form: type[Form]) -> tuple[str, ...]:
-    """Fields of a kind of element, as the file names them."""
+    """Give the field names of a kind of element, as the file spells them."""
     return tuple(field.alias or name for name, field in form.model_fields.items())
 
 
 class Fallible(Form):
-    """An element that fails now and then."""
+    """An element that may have a failure rate."""
 
     rate_per_h: FailureRate | None = Field(
-        default=None, description="Failures per hour; used by analysis alone.", examples=[0.0005, 1e-5]
+        default=None, description="Failures per hour; only analysis uses it.", examples=[0.0005, 1e-5]
     )
 
 
@@ -174,14 +174,14 @@ class BusForm(Fallible):
     )
     kind: Literal["wired", "wireless"] = Field(
         default=_default(Bus, "kind"),
-        description="A wireless bus has a bandwidth, and no exact response times.",
+        description="Of a wireless bus only the bandwidth is planned, not response times.",
         examples=["wired"],
     )
     channels: int = Field(
         default=_default(Bus, "channels"),
         ge=1,
         le=2,
-        description="2: replicated, every frame is sent on both channels.",
+        description="2: a replicated bus, on which every frame is sent on both channels.",
         examples=[1],
     )
     heartbeat_ns: Period = Field(
@@ -195,18 +195,18 @@ class BusForm(Fallible):
         default=_default(Bus, "misses"),
         ge=1,
         le=255,
-        description="Silent periods after which a PE counts as down.",
+        description="Number of silent periods after which a PE counts as down.",
         examples=[3],
     )
 
 
 class ManagerForm(Form):
-    """The bus of the managers, and what a PE does when it hears none."""
+    """The bus of the managers, and the policy of PEs that hear no manager."""
 
-    bus: str | None = Field(default=None, description="Their bus; the first wired one if left out.", examples=["can0"])
+    bus: str | None = Field(default=None, description="Their bus; the first wired bus if left out.", examples=["can0"])
     without_manager: Literal["keep", "safe_mode"] = Field(
         default=_default(Manager, "without_manager"),
-        description="What PEs do when no manager is heard: keep what runs, or stop what serves nothing critical.",
+        description="What PEs do while they hear no manager: keep all modules, or stop those serving nothing critical.",
         examples=["keep"],
     )
 
@@ -216,7 +216,7 @@ class PeForm(Fallible):
 
     node_id: int = Field(ge=FIRST_PE, le=LAST_PE, description="CANaerospace and CANopen node-ID.", examples=[92])
     buses: Names = Field(
-        min_length=1, description="Buses it is on; with two or more it is a gateway.", examples=[["can0"]]
+        min_length=1, description="Buses of the PE; with two or more the PE is a gateway.", examples=[["can0"]]
     )
     cpu_millis: Capacity = Field(
         alias="cpu", description="CPU capacity that modules may use, in reference cores.", examples=[0.5]
@@ -234,8 +234,10 @@ class PeForm(Fallible):
 class DeviceForm(Fallible):
     """A sensor or an actuator, bolted to one PE."""
 
-    kind: Literal["sensor", "actuator"] = Field(description="Which way its data goes.", examples=["sensor"])
-    pe: str = Field(description="The PE that it is bolted to.", examples=["tail_pe"])
+    kind: Literal["sensor", "actuator"] = Field(
+        description="A sensor gives, an actuator takes data.", examples=["sensor"]
+    )
+    pe: str = Field(description="PE to which the device is bolted.", examples=["tail_pe"])
 
 
 class VariableForm(Form):
@@ -247,7 +249,7 @@ class VariableForm(Form):
         default=_default(Variable, "versions"),
         ge=1,
         le=MOST_VERSIONS,
-        description="How many versions there are, 1 being the best.",
+        description="Number of versions (qualities) of the variable; version 1 is the best.",
         examples=[3],
     )
     identifier: int | None = Field(
@@ -259,7 +261,7 @@ class VariableForm(Form):
     )
     initial: Any = Field(
         default=None,
-        description="Value before the first one is received; it makes a wiring cycle through this variable legal.",
+        description="Value that readers get before the first datum; makes a wiring cycle through this variable legal.",
         examples=[0],
     )
     deadline_ns: Period | None = Field(
@@ -275,50 +277,55 @@ class ModeForm(Form):
 
     needs: Any = Field(
         default=None,
-        description="Gate expression over variables that must hold for the mode to run; no input if left out.",
+        description="Gate expression over variables that must hold for the mode to run; no inputs if left out.",
         examples=["altitude", {"or": {"k": 1, "of": ["altitude@<=2", "release_command"]}}],
     )
     gives: dict[str, Version] = Field(
-        default={}, description="Variables that it gives, each with the version.", examples=[{"altitude": 1}]
+        default={}, description="Variables that the mode gives, each with its version.", examples=[{"altitude": 1}]
     )
-    cpu_millis: Cpu = Field(alias="cpu", description="CPU that it takes, in reference cores.", examples=[0.05])
-    ram: Memory = Field(description="RAM that it takes.", examples=["2KiB"])
+    cpu_millis: Cpu = Field(alias="cpu", description="CPU that the mode takes, in reference cores.", examples=[0.05])
+    ram: Memory = Field(description="RAM that the mode takes.", examples=["2KiB"])
     rate_mhz: Rate = Field(alias="rate_hz", description="How often it runs and publishes, in Hz.", examples=[10, 12.5])
 
 
 class ModuleForm(Fallible):
-    """What a module has besides its modes."""
+    """The fields of a module besides its modes."""
 
     image: PrintableText | None = Field(
-        default=None, description="Its code; the name of the module if left out.", examples=["servo_driver"]
+        default=None,
+        description="Code of the module: an image or package.module:Class; the module's name if left out.",
+        examples=["servo_driver"],
     )
     device: str | None = Field(
-        default=None, description="Device that it drives; it runs on that device's PE.", examples=["gps"]
+        default=None, description="Device that the module drives; the module runs on the device's PE.", examples=["gps"]
     )
     runs_on: Names | None = Field(
-        default=None, min_length=1, description="PEs that it may run on; any if left out.", examples=[["nav", "flight"]]
+        default=None,
+        min_length=1,
+        description="PEs on which it may run; any PE if left out.",
+        examples=[["nav", "flight"]],
     )
-    requires: Names = Field(default=[], description="Features that its PE must have.", examples=[["fpu"]])
+    requires: Names = Field(default=[], description="Features that the module's PE must have.", examples=[["fpu"]])
     flash: Memory = Field(
-        default=_default(Module, "flash"), description="Flash that it takes where it runs.", examples=["4KiB"]
+        default=_default(Module, "flash"), description="Flash that the module takes on its PE.", examples=["4KiB"]
     )
     partition: PrintableText | None = Field(
         default=None,
-        description="Process that it shares with others of its partition; one for each criticality if left out.",
+        description="Process that modules with the same partition share; one process per criticality if left out.",
         examples=["control"],
     )
     restarts: Restarts = Field(
         default=_default(Module, "restarts"),
-        description="How often its PE restarts it before it gives up; a minute without failure resets the count.",
+        description="How often the PE restarts a failed module; a minute without failure resets the count.",
         examples=[0],
     )
     checkpoint: Checkpoint | None = Field(
-        default=None, description="Whether, or how, its state is kept for a restart elsewhere.", examples=[True]
+        default=None, description="Whether, or how, its state is kept for a restart on another PE.", examples=[True]
     )
 
 
 class ModuleOfOneModeForm(ModuleForm, ModeForm):
-    """A module that is its own single mode, named `only`."""
+    """A module with a single mode, named `only`, whose fields stand on the module itself."""
 
 
 class ModuleOfModesForm(ModuleForm):
@@ -326,7 +333,7 @@ class ModuleOfModesForm(ModuleForm):
 
     modes: dict[str, ModeForm] = Field(
         min_length=1,
-        description="Its modes by name, best first.",
+        description="Modes by name, best first.",
         examples=[{"fused": {"needs": "altitude", "cpu": 0.1, "ram": "2KiB", "rate_hz": 10}}],
     )
 
@@ -349,22 +356,22 @@ class FunctionForm(Form):
     )
     value: list[Points] | None = Field(
         default=None,
-        description="Value of being served, per mode of the output module, best first; 100 (m - i) / m if left out.",
+        description="Value of the function per mode of its output, best first; 100 (m - i) / m if left out.",
         examples=[[100, 40]],
     )
 
 
 class WhenForm(Form):
-    """When a phase is entered by itself: the variable has been beyond the threshold for a while."""
+    """The rule of a phase: it is entered when a variable has been beyond a threshold for some time."""
 
-    variable: str = Field(description="Variable that is watched.", examples=["altitude"])
-    above: Threshold = Field(default=None, description="Threshold that it must exceed.", examples=[17000])
-    below: Threshold = Field(default=None, description="Threshold that it must fall below.", examples=[300])
+    variable: str = Field(description="Variable that the rule watches.", examples=["altitude"])
+    above: Threshold = Field(default=None, description="Threshold that the variable must exceed.", examples=[17000])
+    below: Threshold = Field(default=None, description="Threshold that the variable must fall below.", examples=[300])
     hold_ns: Span = Field(
         default=0,
         validate_default=True,
         alias="hold_ms",
-        description="For how long, in ms, without a break.",
+        description="Time in ms for which the condition must hold without a break.",
         examples=[500],
     )
 
@@ -374,19 +381,19 @@ class PhaseForm(Form):
 
     when: WhenForm | None = Field(
         default=None,
-        description="Rule by which the phase is entered by itself.",
+        description="Rule by which the phase is entered automatically.",
         examples=[{"variable": "altitude", "above": 17000, "hold_ms": 500}],
     )
 
 
 class ContingencyForm(Form):
-    """What must be planned ahead."""
+    """Which contingencies must be planned ahead."""
 
     faults: int = Field(
         default=_default(Contingency, "faults"),
         ge=0,
         le=8,
-        description="Simultaneous faults to plan ahead for.",
+        description="Number of simultaneous faults to plan ahead for.",
         examples=[2],
     )
     phases: Names | None = Field(
@@ -401,7 +408,7 @@ class DemuxForm(Form):
 
 
 class HeaderForm(Form):
-    """What concerns the whole file."""
+    """Fields that concern the whole file."""
 
     dg: Literal[1] = Field(description="Version of this format.", examples=[1])
     name: str | None = Field(
@@ -419,7 +426,7 @@ class HeaderForm(Form):
 
 
 class SpecForm(HeaderForm):
-    """One dependency-graph file, whole. Names of elements match `[A-Za-z][A-Za-z0-9_]*`."""
+    """A whole spec file. Names of elements match `[A-Za-z][A-Za-z0-9_]*`."""
 
     buses: dict[str, BusForm] = Field(
         default={}, description="CAN segments by name.", examples=[{"can0": {"bitrate": 1000000}}]

@@ -1,4 +1,4 @@
-"""Where the specs that come with this package are: beside it in a checkout, inside it in an installed wheel."""
+"""Finds the shipped specs: they lie beside this package in a checkout, and inside it in an installed wheel."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _FOLDERS = (_PACKAGE.parent, _PACKAGE / "specs")
 
 
 class UnknownSpecError(HeronryError, LookupError):
-    """No spec of that name is shipped; the message says which are."""
+    """No spec with that name is shipped; the message lists the shipped ones."""
 
 
 def shipped_spec_names() -> tuple[str, ...]:
@@ -19,13 +19,13 @@ def shipped_spec_names() -> tuple[str, ...]:
 
 
 def example_specs() -> tuple[Path, ...]:
-    """Files of the small specs that are shipped with them, sorted."""
+    """Files of the small example specs, sorted."""
     folder = shipped_spec_path(shipped_spec_names()[0]).parent / "examples"
     return tuple(sorted(folder.glob(f"*{SUFFIX}")))
 
 
 def shipped_spec_path(name: str) -> Path:
-    """File of a shipped spec; raises UnknownSpecError."""
+    """Give the file of a shipped spec; raises UnknownSpecError."""
     if name in shipped_spec_names():
         return next(path for folder in _FOLDERS if (path := folder / f"{name}{SUFFIX}").is_file())
     raise UnknownSpecError(f"no spec named '{name}' is shipped; there is {', '.join(shipped_spec_names()) or 'none'}")

@@ -1,9 +1,9 @@
-"""What is down, what has shrunk, and what is left of the system then.
+"""Situations: which elements are down or limited, and what they leave of the system.
 
 An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1).
-A `Situation` is an input (faults, limits, phase); `Survivors` is what follows from it: a PE that is down
-takes its devices and its routes along, and a PE with no route to the manager's bus cannot be commanded and counts as
-down. With the manager's own bus down nothing is left.
+A `Situation` is an input (faults, limits, phase), and `Survivors` is computed from it. The devices of a PE that is down
+are out of use, and so are routes over that PE. A PE without a route to the manager's bus cannot be commanded and counts
+as down. If the manager's own bus is down, nothing is left.
 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """
@@ -22,12 +22,12 @@ _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re
 
 
 class UnknownElementError(HeronryError, ValueError):
-    """An element, limit or phase that the spec does not have; the message says what to write instead."""
+    """The spec does not have an element or phase, or a limit is invalid; the message says what to write instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Faults, shrunk capacities, and the mission phase (None where the spec has no phases)."""
+    """Faults, limited capacities, and the mission phase (None where the spec has no phases)."""
 
     down: frozenset[str] = frozenset()
     limits: Mapping[str, Fraction] = field(default_factory=dict)  # "bus:radio" -> share of its capacity, 0..1
@@ -38,9 +38,9 @@ class Situation:
 
 
 def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), phase: str | None = None) -> Situation:
-    """Build a situation from what a user wrote; `limits` as `bus:radio=40%` or `pe:nav=50%`.
+    """Make a situation from texts of a user, with limits such as `bus:radio=40%` or `pe:nav=50%`.
 
-    Raises UnknownElementError for names the spec does not have, and for an element that is limited twice.
+    Raises UnknownElementError for a name that the spec does not have, and for an element that is limited twice.
     """
     if phase is not None:
         checked_phase(spec, phase)
@@ -52,7 +52,7 @@ def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), 
 
 
 def elements(spec: Spec) -> tuple[str, ...]:
-    """Every element that can be down, in the spec's order."""
+    """Give every element that can be down, in the spec's order."""
     by_kind: list[tuple[str, Iterable[str]]] = [
         ("pe", spec.pes),
         ("device", spec.devices),
@@ -97,7 +97,7 @@ def _limits(spec: Spec, texts: Iterable[str]) -> dict[str, Fraction]:
     limits: dict[str, Fraction] = {}
     for element, share in (_limit(spec, text) for text in texts):
         if element in limits:
-            raise UnknownElementError(f"'{element}' is limited twice; write once how much of it is left")
+            raise UnknownElementError(f"'{element}' is limited twice; write one limit for it")
         limits[element] = share
     return limits
 
@@ -124,28 +124,28 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Survivors:
-    """What a situation leaves: PEs that are up and can be commanded, buses, devices, modules, and routes."""
+    """What a situation leaves of a system: PEs that are up and can be commanded, buses, devices, modules and routes."""
 
-    pe_cpu_millis: Mapping[str, int]  # of each PE that is up, shrunk where limited
-    bus_mbit_per_s: Mapping[str, int]  # of each bus that is up: thousandths of a bit/s for published data, floored
+    pe_cpu_millis: Mapping[str, int]  # of each PE that is up, reduced where limited
+    bus_mbit_per_s: Mapping[str, int]  # of each bus that is up, for published data, in thousandths of a bit/s
     devices: frozenset[str]
     failed_modules: frozenset[str]
     routes: Mapping[tuple[str, str], tuple[str, ...]]  # (from PE, to PE) -> buses in order; () on the same PE
     spec: Spec
 
     def hosts(self, module: Module) -> tuple[str, ...]:
-        """PEs on which a module may run now, in the spec's order (semantics.md rule 1)."""
+        """PEs on which a module may run now, in the spec's order (semantics rule 1)."""
         if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
             return ()
         return tuple(pe for pe in hosts_when_all_is_up(self.spec, module) if pe in self.pe_cpu_millis)
 
     def route(self, origin: str, destination: str) -> tuple[str, ...] | None:
-        """Buses a datum travels from one PE to another, in order; None where there is no route."""
+        """Buses over which a datum goes from one PE to another, in order; None where there is no route."""
         return self.routes.get((origin, destination))
 
 
 def hosts_when_all_is_up(spec: Spec, module: Module) -> tuple[str, ...]:
-    """PEs that `device`, `runs_on` and `requires` allow, in the spec's order."""
+    """PEs that a module's `device`, `runs_on` and `requires` allow, in the spec's order."""
     bolted_to = spec.devices[module.device].pe if module.device is not None else None
     return tuple(
         pe.name
@@ -157,7 +157,7 @@ def hosts_when_all_is_up(spec: Spec, module: Module) -> tuple[str, ...]:
 
 
 def survivors(spec: Spec, now: Situation) -> Survivors:
-    """Work out what `now` leaves of the system."""
+    """Compute what the situation `now` leaves of the system."""
     buses = [b for b in spec.buses.values() if not _bus_is_down(b.name, b.channels, now)]
     alive = [p for p in spec.pes if f"pe:{p}" not in now.down]
     reached = _reachable(spec, {b.name for b in buses}, set(alive))

@@ -1,12 +1,12 @@
-"""What a configuration sends: on which buses, how many bits, and under which identifiers.
+"""The data traffic of a configuration: buses, bandwidth, and identifiers.
 
-A *source* is a (producer, variable). It is published on every bus of the route to each of its consumers on another
-PE, once however many consume it (semantics.md rule 7). A `Hop` is a source on one of those buses.
+A *source* is a pair (producer, variable). A source is published on every bus of the routes to its consumers on other
+PEs, once per bus, however many consumers there are (semantics rule 7). A `Hop` is a source on one of those buses.
+Bandwidth is the worst-case number of bits of a frame times the rate, in thousandths of a bit/s, and exact.
 
-Bandwidth is worst-case frame bits times rate, in thousandths of a bit/s, and exact.
-
-Identifiers are the same on every bus. The standard ones belong to the best producers; the others are allocated by the
-best criticality that a producer could serve, in any phase in which the function is wanted and over all modes.
+A source has the same identifier on every bus. The best producer of a variable has the variable's standard identifier.
+The other identifiers are allocated by the best criticality that a producer could serve, in any phase in which the
+function is wanted and over all modes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,9 +22,9 @@ from heronry_wire.timing import worst_bits
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """A source, in the mode its producer runs in, on one bus of its way; `after` is the bus it comes from.
+    """A source on one bus of its route, with the mode of its producer; `after` is the bus before this one.
 
-    The first bus of a route has no `after`.
+    On the first bus of a route `after` is None.
     """
 
     producer: str
@@ -35,17 +35,17 @@ class Hop:
 
 
 def frame_bits(spec: Spec, variable: str) -> int:
-    """Worst-case bits of a variable's data frame (11-bit identifier), with stuff bits and the space between frames."""
+    """Worst-case length in bits of a variable's data frame (11-bit identifier), with stuff bits and intermission."""
     return worst_bits(HEADER_BYTES + DataType[spec.variables[variable].type].payload_bytes)
 
 
 def source_mbit_per_s(spec: Spec, variable: str, mode: Mode) -> int:
-    """Bandwidth that a variable takes on each bus when its producer runs in `mode`, in thousandths of a bit/s."""
+    """Bandwidth that a variable takes on each bus if its producer runs in `mode`, in thousandths of a bit/s."""
     return frame_bits(spec, variable) * mode.rate_mhz
 
 
 def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
-    """Every source on every bus it is published on, in order of first use; a wire without a route has none."""
+    """Give the hops of every source, in order of first use; a wire without a route has none."""
     found: dict[Hop, None] = {}
     for consumer, _, wire in configuration.wires():
         producer = configuration.modules.get(wire.producer)
@@ -67,9 +67,9 @@ def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]
 
 
 def identifiers(spec: Spec) -> dict[tuple[str, str], int]:
-    """CAN identifier of every (producer, variable) of a spec; the smaller has priority on the bus.
+    """Give the CAN identifier of every (producer, variable) of a spec; a smaller identifier has a higher priority.
 
-    Raises WireError where the spec has more of them than there are identifiers.
+    Raises WireError where the spec has more pairs than there are identifiers.
     """
     ranks = criticality_ranks(spec)
     return allocate(
@@ -103,14 +103,14 @@ def criticality_ranks(spec: Spec) -> dict[str, int]:
 
 
 def best_rank(spec: Spec, function: Function) -> int:
-    """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted; E where it never is."""
+    """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted; 4 if it never is."""
     phases: Sequence[str | None] = tuple(spec.phases) or (None,)
     wanted = [phase for phase in phases if function.priority_in(phase) > 0]
     return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)
 
 
 def _feeders(spec: Spec) -> dict[str, set[str]]:
-    """Find for each module whose data it could take, over all modes of both."""
+    """Find for each module the modules whose data it could read, over all modes of both."""
     givers: dict[tuple[str, int], list[str]] = {}
     for module in spec.modules.values():
         for mode in module.modes.values():
@@ -129,7 +129,7 @@ def _feeders(spec: Spec) -> dict[str, set[str]]:
 
 
 def _contributors(function: Function, feeders: Mapping[str, set[str]]) -> set[str]:
-    """Find the modules whose data could reach an output of a function, those outputs included."""
+    """Find the modules whose data could reach an output of a function, including the outputs themselves."""
     found, frontier = set[str](), list(function.outputs)
     while frontier:
         name = frontier.pop()

@@ -1,35 +1,38 @@
-"""How one configuration takes over from another: in which steps, and what must stop before what starts.
+"""Transitions: in which steps one configuration replaces another, and what must stop before what starts.
 
-Every PE changes over at an instant of its own (protocol rule 4), so for a while any mixture of old and new is on the
-buses. One PE alone never exceeds a limit: it stops before it starts, in one instant, and old and new each fit.
-A bus is shared, and so are a DEMUX and the identifiers of a module that moves. The states of one PE:
+PEs do not change over at the same instant (protocol rule 4), so for a while any mixture of the old and the new
+configuration may be on the buses. A single PE never exceeds its capacity: it stops the old modules before it starts the
+new ones, and each set fits. But PEs share buses, DEMUXes, and the identifiers of modules that move. The states of one
+PE:
 
-    before   what it runs now
-    broken   after BREAK: what both configurations have on it, in one mode; it sends and forwards what both of them have
-             it send and forward, and nothing that is new
-    after    after GO_ALL; after GO the same but for DEMUX branches that are new on it
+    before   the PE runs its part of the old configuration
+    broken   after BREAK: the PE runs the modules that both configurations have on it in the same mode, and sends and
+             forwards only what it does in both
+    after    after GO_ALL: the PE runs its part of the new configuration; after GO the same, without DEMUX branches that
+             are new on this PE
 
-Only BREAK removes anything, and only the other steps add. So a mixture of `before` and `broken` loads no bus more than
-what runs now does, and one of `broken` and `after` none more than what is to run: if all PEs break before any PE goes,
-no limit is exceeded. That costs a round trip during which what moves is not served. Hence the choice here:
+BREAK only removes modules and frames, the other steps only add them. So a mixture of `before` and `broken` loads no bus
+more than the old configuration, and a mixture of `broken` and `after` no bus more than the new one. If all PEs break
+before any PE goes, no limit is exceeded; but that costs a round trip, in which modules that move do not run. Hence
+there are two kinds of transitions:
 
     one step     where no mixture of `before` and `after` exceeds a bus, and nothing exclusive moves
-    two steps    otherwise: the fewest PEs are waited for, first those that give up something exclusive, then PEs that
-                 make room on a bus that would be exceeded; PEs that are reached by wire are preferred, since a radio
-                 is slow. All others change over whenever the command reaches them
+    two steps    otherwise. The manager waits for the BREAK of as few PEs as possible: PEs that give up something
+                 exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
+                 reached by wire, since a radio is slow. All other PEs change over when the command reaches them
 
-Only a silent PE that drove a DEMUX adds a third one: that branch alone is held until it has certainly stopped.
+A silent PE that drove a DEMUX adds a third step: the new branch is held until the old one has certainly stopped.
 
-What a mixture can put on a bus is bounded from above: each PE in its worst state, each gateway forwarding what it does
-in any of its states. That is exact but where gateways change over too. Semantics rule 9 is not checked on the way: a
-transition lasts a few heartbeats at most, and a mixture within a bus's budget may let a datum be late.
+The load of a mixture on a bus is bounded from above: each PE is in its worst state, and each gateway forwards what it
+forwards in any of its states. The bound is exact unless gateways change over too. Semantics rule 9 is not checked for
+mixtures: a datum may be late during a transition, which lasts a few heartbeats at most.
 
-Why critical functions do not go first in a step of their own: steps are broadcasts, so that would be another epoch, and
-preparing one takes longer than the round trip that it could save. A module that stays as it is is not interrupted at
-all.
+Critical functions have no earlier step of their own: steps are broadcasts, so that would need another epoch, and
+preparing an epoch takes longer than the round trip that it could save. A module that does not change is not
+interrupted.
 
-Where it is not known what the running modules are wired to, everything that they give is taken to be on every bus.
-`verify_transition` checks all of this, and shares no code with it.
+If the wires of the running modules are not known, everything that the modules give is assumed to be on every bus.
+`verify_transition` checks transitions, and shares no code with this file.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -48,14 +51,14 @@ Source = tuple[str, str]  # producer, variable
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one PE sends and forwards under a configuration."""
+    """The modules of one PE under a configuration, and the data that the PE sends and forwards."""
 
     modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
     sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # mbit/s on each of these buses
-    forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it goes
+    forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it is forwarded
 
     def broken(self, after: "Part") -> "Part":
-        """What is left of this part at BREAK, on the way to another."""
+        """What remains of this part after BREAK, on the way to another part."""
         kept = self.modules & after.modules
         running = {module for module, _ in kept}
         both = {
@@ -68,7 +71,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """The most that may be published on a bus on the way, and what it may carry; thousandths of a bit/s."""
+    """Highest possible load of a bus during a transition, and its limit, in thousandths of a bit/s."""
 
     mbit_per_s: int
     limit_mbit_per_s: int
@@ -76,16 +79,16 @@ class Peak:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """The way from one configuration to another."""
+    """The steps from one configuration to another, and their effects."""
 
     steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
     wait_for: Mapping[str, tuple[str, ...]]  # PEs that must be BROKEN before any PE goes, and why
     hold: tuple[str, ...]  # DEMUXes that wait for T_lease of a silent PE, between GO and GO_ALL
-    interrupted: tuple[str, ...]  # functions served before and after, whose modules do not all go on as they are
+    interrupted: tuple[str, ...]  # functions served before and after, of which some module changes or stops
     peaks: Mapping[str, Peak]
 
     def document(self) -> dict[str, object]:
-        """The transition as plain data for JSON."""
+        """Give the transition as plain data for JSON."""
         return {
             "steps": [step.name for step in self.steps],
             "wait_for": {pe: list(why) for pe, why in self.wait_for.items()},
@@ -99,15 +102,15 @@ class Transition:
 
 
 def transition(spec: Spec, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
-    """Find the way from what runs to a configuration that is legal in a situation.
+    """Find the transition from what runs to a configuration that is legal in the situation `now`.
 
-    before: with its wires where they are known; modules, modes and PEs that the spec lacks are left out.
+    before: what runs, with its wires if they are known; modules, modes and PEs that the spec lacks are ignored.
     """
     return Transitions(spec).transition(before, after, now)
 
 
 class Transitions:
-    """Transitions of one spec; what depends on the spec alone is worked out once."""
+    """Finds transitions of one spec; values that depend on the spec alone are computed once."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -124,7 +127,7 @@ class Transitions:
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
 
     def transition(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
-        """Find the way; see the function of this name."""
+        """Find a transition; see the function of this name."""
         spec, left = self._spec, survivors(self._spec, now)
         known = isinstance(before, Configuration)
         runs = self._in_spec(placement(before))
@@ -154,9 +157,10 @@ class Transitions:
         now: Situation,
         exclusive: Collection[str],
     ) -> frozenset[str]:
-        """PEs to wait for in flight, where a PE may still run one of several configurations.
+        """Give the PEs whose BREAK to wait for, if a PE may still run one of several configurations.
 
-        may_run: for each available PE. exclusive: the PEs that are waited for anyway; they are included.
+        may_run: these configurations, for each available PE. exclusive: PEs to wait for in any case; the result
+        includes them.
         """
         left = survivors(self._spec, now)
         parts: dict[int, dict[str, Part]] = {}
@@ -171,7 +175,7 @@ class Transitions:
         return frozenset(exclusive).union(budget)
 
     def parts(self, configuration: Configuration) -> dict[str, Part]:
-        """Part of every PE of the spec in a configuration of it."""
+        """Give the part of every PE in a configuration."""
         runs = placement(configuration)
         return self._parts(runs, _links(configuration, runs))
 
@@ -182,7 +186,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Every source, as if read on every PE."""
+        """Give every source paired with every PE, as if every PE read it."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)
@@ -209,7 +213,10 @@ class Transitions:
     def _exclusive(
         self, runs: Placement, wanted: Placement, left: Survivors
     ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-        """PEs that give up what another one takes, and what that is; DEMUXes that a silent PE may still drive."""
+        """Give the PEs that give up something exclusive to another PE, with the reasons.
+
+        DEMUXes that a silent PE may drive.
+        """
         branch_on = {self._demux_of[m]: pe for m, (_, pe) in wanted.items() if m in self._demux_of}
         reasons: dict[str, tuple[str, ...]] = {}
         hold = []
@@ -241,7 +248,7 @@ class Transitions:
 
 
 class _Mixtures:
-    """The most that the buses may have to carry, whichever PEs have taken a step."""
+    """The highest possible loads of the buses, for any set of PEs that have taken a step."""
 
     def __init__(
         self,
@@ -250,17 +257,17 @@ class _Mixtures:
         left: Survivors,
         gateways: Mapping[tuple[str, str], str],
     ) -> None:
-        """`old`: what each PE that takes part may run now."""
+        """old: the parts that each PE in the transition may run now. new: the part of each PE after it."""
         self._old, self._new, self._left, self._gateways = old, new, left, gateways
         self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
 
     def limits(self, *, known: bool) -> dict[str, int]:
-        """What each bus may carry: its budget, or what it is known to carry already where that is more."""
+        """Limit of each bus: its budget, or its present load if that is known and higher."""
         carried = self._peaks(self._old) if known else {}
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 
     def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
-        """The most on each bus, if these PEs are BROKEN before any PE goes."""
+        """Highest load of each bus, if the PEs `waited_for` are BROKEN before any PE goes."""
         states = {
             pe: [*([] if pe in waited_for else self._old[pe]), *self._gone[pe], self._new[pe]] for pe in self._old
         }
@@ -269,9 +276,9 @@ class _Mixtures:
     def makes_room(
         self, waited_for: Collection[str], limits: Mapping[str, int], preferred: Collection[str]
     ) -> dict[str, tuple[str, ...]]:
-        """PEs to wait for as well, and the buses on which each makes room: none of them could be left out.
+        """Find a minimal set of further PEs to wait for, with the buses on which each makes room.
 
-        PEs other than the preferred ones are taken only where those are not enough.
+        PEs that are not preferred are used only if the preferred ones do not suffice.
         """
         over = self._over(waited_for, limits)
         added: list[str] = []
@@ -306,7 +313,7 @@ class _Mixtures:
         return peaks
 
     def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
-        """What a part puts on each bus, forwarded by every gateway that may."""
+        """Load of a part on each bus, if every gateway in `forwards` forwards its sources."""
         loads: dict[str, int] = {}
         for source, (mbit_per_s, buses) in part.sends.items():
             reached = set(buses)
@@ -324,14 +331,14 @@ class _Mixtures:
 
 
 def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Source, str]]:
-    """Every source that is wired, and the PE of its consumer."""
+    """Give every wired source with the PE of its consumer."""
     for consumer, _, wire in configuration.wires():
         if wire.producer in runs and consumer in runs:
             yield (wire.producer, wire.variable), runs[consumer][1]
 
 
 def _behind(configuration: Configuration, output: str) -> set[str]:
-    """The modules that a module's data come from, itself included."""
+    """The modules from which a module's data come, directly or through others, itself included."""
     found, frontier = set[str](), [output]
     while frontier:
         module = frontier.pop()

@@ -1,7 +1,7 @@
-"""The verifier: is a configuration legal in a situation, and if not, which rules does it break and where.
+"""The verifier: finds the rules that a configuration breaks in a situation; a legal configuration breaks none.
 
-It uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the configuration as it
-is. A violation names its rule as number and sub-rule (`7.cpu`), the place, and what is wrong in one sentence.
+The verifier uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the
+configuration. A violation names the rule as number and sub-rule (`7.cpu`), the place, and the mistake in one sentence.
 
     1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
@@ -13,9 +13,9 @@ is. A violation names its rule as number and sub-rule (`7.cpu`), the place, and 
     8 placement  separate, together
     9 deadlines  deadline
 
-A plan may come from anywhere, so every name in it can be wrong. What names an unknown module, mode or PE is reported
-under semantics rule 1 and left out of the other checks; apart from that one fault is one violation wherever it can be,
-and the order of violations does not depend on the order in the plan.
+A plan may come from anywhere, so every name in it can be wrong. A module with an unknown name, mode or PE is reported
+under semantics rule 1, and the other checks ignore it. As far as possible, one mistake gives one violation. The order
+of violations does not depend on the order in the plan.
 """
 
 from collections.abc import Collection, Iterator
@@ -44,26 +44,26 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """What is verified: the configuration in the spec's order, without modules and modes that the spec lacks."""
+    """The configuration to verify, in the spec's order, without modules and modes that the spec lacks."""
 
     spec: Spec
     now: Situation
     left: Survivors
     known: Configuration
-    sound: Configuration  # the same without wires that are wrong by themselves (semantics rule 2)
+    sound: Configuration  # `known` without wires that break semantics rule 2
 
     def mode(self, module: str) -> Mode:
         return self.known.mode(self.spec, module)
 
     def on(self, pe: str) -> list[str]:
-        """Modules that run on a PE."""
+        """Modules that the configuration runs on a PE."""
         return [name for name, running in self.known.modules.items() if running.pe == pe]
 
 
 def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Violation]:
     """List every broken rule; an empty list means that the configuration is legal.
 
-    The situation must be one of this spec, as `situation` makes them.
+    now: a situation of this spec, as `situation` makes it.
     """
     found = list(_unknown_names(spec, configuration))
     known = _known(spec, configuration)
@@ -85,7 +85,7 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
 
 
 def _known(spec: Spec, configuration: Configuration) -> Configuration:
-    """Keep what the spec knows, modules and inputs in its order."""
+    """Keep the modules and inputs that the spec has, in the spec's order."""
     kept = {}
     for name, module in spec.modules.items():
         running = configuration.modules.get(name)
@@ -97,7 +97,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that carry what they should."""
+    """Keep the wires that do not break semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())
@@ -177,7 +177,7 @@ def _wires(case: _Case) -> Iterator[Violation]:
 
 
 def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
-    """Check one wire from end to end; the first thing that is wrong with it is reported."""
+    """Check one wire; gives the first mistake, as (rule, sentence)."""
     if wire.producer not in known.modules:
         yield "2.producer", f"it is wired to {wire.producer}, which does not run"
         return
@@ -197,7 +197,7 @@ def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[
 
 
 def _route(case: _Case, consumer_pe: str, producer: str, where: str) -> Iterator[Violation]:
-    """Check that there is a route; a PE that is down or unknown is reported under semantics rule 1."""
+    """Check that a wire has a route; a PE that is down or unknown is reported under semantics rule 1 only."""
     if producer not in case.known.modules:
         return
     ends = (case.known.modules[producer].pe, consumer_pe)
@@ -223,7 +223,7 @@ def _gates(case: _Case) -> Iterator[Violation]:
 def _gate(
     expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str
 ) -> Iterator[tuple[str, str, str]]:
-    """Check an expression that must hold; yields (rule, path, sentence)."""
+    """Check that an expression holds; gives a (rule, path, sentence) for each mistake."""
     if isinstance(expression, Leaf):
         if path not in wired:
             yield rule_if_unwired, path, f"{expression.variable} is needed and not wired"

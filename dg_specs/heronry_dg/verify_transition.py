@@ -1,17 +1,18 @@
-"""The verifier of transitions: may one configuration take over from another in these steps, and if not, why not.
+"""The verifier of transitions: finds the rules that the steps from one configuration to another break.
 
-It plays every order in which the PEs could take the steps. Where those are too many to play one by one, the PEs that
-are no gateways are taken at their worst for each bus, which is exact, since what they send adds up; beyond that, so are
-gateways, which is safe. Nothing is chosen here, and nothing is shared with `transition`.
+The verifier tries every combination of states that the PEs could have during the steps. If there are too many, it takes
+each PE that is no gateway in its worst state for each bus, which is exact, since the loads of PEs add up. If there are
+still too many, it does the same for gateways, which is safe but not exact. It makes no choice, and shares no code with
+`transition`.
 
-    t.steps      the steps are none that a manager takes: BREAK before GO before GO_ALL, and GO_ALL last
-    t.wait       a PE that cannot answer is waited for, or BREAK is there without a PE to wait for
-    t.cpu, t.ram, t.flash   a PE holds more than it has, in a state of its own
+    t.steps      the steps are not in the order of a manager: BREAK before GO before GO_ALL, and GO_ALL last
+    t.wait       the manager would wait for a PE that cannot answer, or there is a BREAK without a PE to wait for
+    t.cpu, t.ram, t.flash   the modules of a PE in one of its states exceed its capacity
     t.exclusive  a module, or the branches of a DEMUX, could run on two PEs at once
-    t.bus        more could be published on a bus than it may carry
+    t.bus        the load of a bus could exceed its limit
 
-A bus may carry its budget, or what it carries before anything is done where that is more already. Where the wires of
-what runs are not known, every variable that is given is taken to go everywhere.
+The limit of a bus is its budget, or its load before the transition if that is higher. If the wires of the running
+configuration are not known, every variable that a module gives is assumed to go to every PE.
 """
 
 import itertools
@@ -35,7 +36,7 @@ BEFORE, BROKEN, HELD, AFTER = "before", "broken", "held", "after"
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """What is verified; `now_runs` and `shall_run` map a module to its mode and PE."""
+    """The transition to verify; `now_runs` and `shall_run` map a module to its mode and PE."""
 
     spec: Spec
     left: Survivors
@@ -43,7 +44,7 @@ class _Way:
     shall_run: Placement
     sends_now: "_Traffic"
     shall_send: "_Traffic"
-    known: bool  # the wires of what runs are
+    known: bool  # whether the wires of the running configuration are known
     demux_of: Mapping[str, str]
 
     def modules(self, pe: str, state: str) -> dict[str, Mode]:
@@ -63,7 +64,7 @@ class _Way:
 
 @dataclass(frozen=True, slots=True)
 class _Traffic:
-    """The tables of a configuration: (PE, producer, variable) -> buses; (gateway, PE, producer, variable) -> buses."""
+    """The buses on which each PE publishes and each gateway forwards, by source (and the PE of the source)."""
 
     publish: Mapping[tuple[str, str, str], frozenset[str]]
     forward: Mapping[tuple[str, str, str, str], frozenset[str]]
@@ -72,7 +73,7 @@ class _Traffic:
 def verify_transition(
     spec: Spec, before: Configuration | Placement, after: Configuration, now: Situation, way: Transition
 ) -> list[Violation]:
-    """List what is wrong with a way from what runs to what is to run; an empty list means that it is legal."""
+    """List every broken rule of a transition; an empty list means that the transition is legal."""
     left = survivors(spec, now)
     runs = _runs(spec, before)
     case = _Way(
@@ -108,14 +109,14 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
     if steps != sorted(set(steps)) or Step.PREPARED in steps or not steps or steps[-1] is not Step.GO_ALL:
         yield Violation("t.steps", "transition", f"{[step.name for step in steps]} is not a legal order of steps")
     if (Step.BREAK in steps) != bool(way.wait_for):
-        yield Violation("t.wait", "transition", "PEs are waited for if and only if there is a step BREAK")
+        yield Violation("t.wait", "transition", "there must be a step BREAK if and only if there are PEs to wait for")
     for pe in way.wait_for:
         if pe not in left.pe_cpu_millis:
-            yield Violation("t.wait", f"pe {pe}", "it is waited for, and cannot answer")
+            yield Violation("t.wait", f"pe {pe}", "the transition waits for it, and it cannot answer")
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
-    """For each step the states in which each PE could be from when the step goes out until the next one does."""
+    """Give, for each step, the states that each PE could have from this step's command until the next one."""
     behind: dict[str, tuple[str, ...]] = dict.fromkeys(left.pe_cpu_millis, (BEFORE,))
     for step in way.steps:
         state = {Step.BREAK: BROKEN, Step.GO: HELD}.get(step, AFTER)
@@ -152,9 +153,9 @@ def _flash(case: _Way, there: Mapping[str, Mode]) -> int:
 
 
 def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:
-    """Find what a PE could begin to drive while another one could drive it, too."""
-    could: dict[str, set[str]] = {}  # what is exclusive -> the PEs that could drive it
-    begins: dict[str, set[str]] = {}  # ... those of them that do not drive it now
+    """Find exclusive outputs that a PE could begin to drive while another PE could still drive them."""
+    could: dict[str, set[str]] = {}  # exclusive output -> PEs that could drive it
+    begins: dict[str, set[str]] = {}  # exclusive output -> those of these PEs that do not drive it now
     for pe, states in stage.items():
         driven_now = set(_driven(case, case.modules(pe, BEFORE)))
         for thing in {thing for state in states for thing in _driven(case, case.modules(pe, state))}:
@@ -165,14 +166,14 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
     for module, (_, pe) in case.now_runs.items():
         demux = case.demux_of.get(module)
         if demux is not None and pe not in stage and demux not in waited:
-            could.setdefault(f"demux {demux}", set()).add(pe)  # silent, and not known to be dead
+            could.setdefault(f"demux {demux}", set()).add(pe)  # the PE is silent, but not known to be dead
     for thing in begins:
         if len(could[thing]) > 1:
             yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
-    """Name what is exclusive about some modules: they themselves, and the DEMUXes whose branches they are."""
+    """Give the exclusive outputs of some modules: the modules, and the DEMUXes of which they are branches."""
     for module in modules:
         yield f"module {module}"
         if module in case.demux_of:
@@ -185,13 +186,14 @@ def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Vio
     for bus, room in case.left.bus_mbit_per_s.items():
         limit = max(room, before.get(bus, 0))
         if worst[bus] > limit:
-            text = f"up to {worst[bus] / 1000:.3f} bit/s on the way, and it may carry {limit / 1000:.3f}"
+            text = f"up to {worst[bus] / 1000:.3f} bit/s in transition, and its limit is {limit / 1000:.3f}"
             yield Violation("t.bus", f"bus {bus}", text)
 
 
 def _worst_loads(case: _Way, stage: Mapping[str, Sequence[str]]) -> dict[str, int]:
     if not case.known and not any(AFTER in states or HELD in states for states in stage.values()):
-        # No PE exceeds a limit by stopping; with unknown wires only that is known of the first step.
+        # In the first step PEs only stop modules, which cannot exceed a limit; with unknown wires nothing more is
+        # known.
         return dict.fromkeys(case.left.bus_mbit_per_s, 0)
     choices = {pe: _different(case, pe, states) for pe, states in stage.items()}
     if prod(map(len, choices.values())) <= MOST_MIXTURES:
@@ -220,7 +222,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """The states of a PE that differ on the buses."""
+    """Give the states of a PE, without those that send the same frames as another."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}
@@ -236,10 +238,10 @@ def _loads(
     gateways: Mapping[str, str] | None = None,
     choices: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, int]:
-    """What is published on each bus when each PE is in this state.
+    """Compute the load of each bus if each PE has the given state.
 
-    gateways: the states of those that forward, where `states` are not those of all; one that is in neither of them
-    forwards what it would in any of its `choices`.
+    gateways: states of the gateways, if they differ from `states`. A gateway in neither map forwards what it forwards
+    in any of its `choices`.
     """
     loads = dict.fromkeys(case.left.bus_mbit_per_s, 0)
     keys = _forward_keys(case)
@@ -268,7 +270,7 @@ def _loads(
 
 
 def _sent(case: _Way, pe: str, state: str) -> Iterator[tuple[tuple[str, str], tuple[str, ...], int]]:
-    """What a PE publishes itself: source, buses, bandwidth on each."""
+    """Give what a PE itself publishes: source, buses, and bandwidth on each bus."""
     for module, mode in case.modules(pe, state).items():
         for variable in mode.gives:
             key = (pe, module, variable)
@@ -290,7 +292,7 @@ def _forwarded(case: _Way, key: tuple[str, str, str, str], state: str) -> frozen
 
 
 def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) -> _Traffic:
-    """Compute what each PE publishes and each gateway forwards, along the routes of the whole system."""
+    """Compute what each PE publishes and each gateway forwards, along the routes of the undamaged system."""
     whole = survivors(spec, Situation())
     publish: dict[tuple[str, str, str], frozenset[str]] = {}
     forward: dict[tuple[str, str, str, str], frozenset[str]] = {}
@@ -308,7 +310,7 @@ def _traffic(spec: Spec, runs: Placement, running: Configuration | Placement) ->
 
 
 def _wires(spec: Spec, runs: Placement, running: Configuration | Placement) -> Iterator[tuple[str, str, str]]:
-    """Producer, variable and the consumer's PE of each wire, or of each that there could be."""
+    """Give producer, variable and the consumer's PE of each wire; if wires are not known, of each possible wire."""
     if isinstance(running, Configuration):
         for consumer, _, wire in running.wires():
             if consumer in runs and wire.producer in runs:

@@ -1,9 +1,10 @@
-"""Why a function is not served: one sentence with the root cause, found without a solver.
+"""Explains in one sentence why a function is not served: the root cause, found without a solver.
 
-First, what could run at all with unlimited resources: the greatest set of (module, mode) in which each module has a PE
-to run on and each mode's needs can be met from the set (feedback cycles may carry themselves, so the set is shrunk from
-everything, round by round). A function outside it has a cause that can be traced to a fault. One inside it was left out
-for lack of resources, or for something better: there the planner may know more, and passes it as `alone`.
+First, the file computes what could run with unlimited resources: the greatest set of (module, mode) in which each
+module has a PE to run on, and the needs of each mode can be met from the set. It starts from all modes and removes
+impossible ones round by round, so feedback cycles, which support themselves, remain. If the output of a function is not
+in the set, the cause can be traced to a fault. If it is in the set, the function was left out for lack of resources, or
+in favour of something better; the planner may know which, and passes it as `alone`.
 """
 
 from collections.abc import Collection, Iterator
@@ -18,25 +19,25 @@ _NAMED_ALTERNATIVES = 2
 
 @dataclass(frozen=True, slots=True)
 class Feasible:
-    """What could run with unlimited resources, and the round in which each other mode was removed."""
+    """The modes that could run with unlimited resources, and the round in which each other mode was removed."""
 
     spec: Spec
     now: Situation
     left: Survivors
-    lost: dict[tuple[str, str], int]  # (module, mode) that cannot run -> round in which that showed; 0: has no PE
+    lost: dict[tuple[str, str], int]  # (module, mode) that cannot run -> round in which it was removed; 0: it has no PE
 
     def can_run(self, module: Module) -> bool:
         """Tell whether some mode of a module could run."""
         return any((module.name, mode) not in self.lost for mode in module.modes)
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
-        """Every (module, mode) in the spec that gives a leaf what it accepts, whether it can run or not."""
+        """Give every (module, mode) that gives a version which a leaf accepts, whether the mode can run or not."""
         for module, mode in self.spec.producers(leaf.variable):
             if leaf.accepts(mode.gives[leaf.variable]):
                 yield module, mode
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
-        """Tell whether a gate expression could be met by what had not been lost before that round."""
+        """Tell whether the modes that remained before round `before` could meet a gate expression."""
         return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
 
     def _could_be_given(self, leaf: Leaf, before: int) -> bool:
@@ -60,9 +61,9 @@ def feasible(spec: Spec, now: Situation) -> Feasible:
 
 
 def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
-    """One sentence that says why a function is not served.
+    """Give the sentence that says why a function is not served.
 
-    alone: whether the function could be served if nothing else were wanted, as the planner knows; None: not known.
+    alone: whether the function could be served if no other were wanted; None: not known.
     """
     if function.priority_in(found.now.phase) == 0:
         return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
@@ -87,7 +88,7 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 
 
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
-    """Why none of some modes of a module can run, as a verb phrase; `branched`: name no more alternatives."""
+    """Say as a verb phrase why none of some modes of a module can run; branched: mention only one alternative."""
     if module.name in found.left.failed_modules:
         return "has failed"
     if not found.left.hosts(module):
@@ -107,7 +108,10 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
 
 
 def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
-    """Find the first leaf that kept an expression from holding; causes lie in earlier rounds, so none is circular."""
+    """Find the first leaf that kept an expression from holding.
+
+    Its cause lies in an earlier round, so no cause is circular.
+    """
     while not isinstance(needs, Leaf):
         inputs = needs.inputs if needs is not None else ()
         needs = next(one for one in inputs if not found.can_hold(one, before))
@@ -122,7 +126,7 @@ def _wanted(found: Feasible, leaf: Leaf) -> str:
 
 
 def _homeless(found: Feasible, module: Module) -> str:
-    """Why a module that has not failed has no PE, as a verb phrase."""
+    """Say as a verb phrase why a module that has not failed has no PE."""
     homes = hosts_when_all_is_up(found.spec, module)
     if not homes:
         return "may run on no PE of the spec, by its device, runs_on and requires"

@@ -1,14 +1,15 @@
-"""From the bytes of a spec to a tree of nodes, each with the place of its key and its value.
+"""Reads the bytes of a spec into a tree of nodes, with the place of each key and value.
 
-Only plain YAML is understood: maps, lists and scalars, one document. Anchors, aliases, tags, merge keys, directives and
-duplicate keys are refused, because they let a file mean something else than it seems to. So are scalars on which
-programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers add no finding about
-it.
+Only plain YAML is accepted: maps, lists and scalars, in one document. Anchors, aliases, tags, merge keys, directives
+and duplicate keys are refused, because with them a file may have another meaning than it seems to have; so are scalars
+that programs read differently (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and code that reads the
+tree adds no finding about it.
 
-A spec comes from anywhere, so nothing is built before it is known to be small: bytes are counted first, then the marks
-that keys and items end with, which needs no parser; then the parser's events are read one by one, and depth, node count
-and repeated keys are checked on the way. A file beyond a limit never costs more than one at the limit. No alias is ever
-followed, so a small file cannot unfold into a large tree. The limits leave room for 10 000 modules.
+A spec may come from anywhere, so no tree is built before the file is known to be small. First the bytes are counted,
+then the marks at which keys and items end, which needs no parser. Then the parser's events are read one by one, and
+depth, number of nodes and repeated keys are checked at each event. A file beyond a limit costs no more than one at the
+limit. Aliases are not followed, so a small file cannot unfold into a large tree. The limits leave room for 10 000
+modules.
 """
 
 import re
@@ -30,14 +31,14 @@ MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
 _TOO_DEEP: Final = f"this is nested deeper than {MOST_LEVELS} levels"
 _KEEP_FLAT: Final = "named gates keep `needs` flat"
-MOST_REPEATED_KEYS: Final = 100  # a file with more was hardly written by hand, and a list of more does not help
+MOST_REPEATED_KEYS: Final = 100  # a file with more was hardly written by hand, and a longer list does not help
 
 _PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower
 _UNPRINTABLE: Final = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 
 
 class Refused:
-    """Stands for a part of the file about which a finding was already made."""
+    """Stands for a part of the file that already has a finding."""
 
 
 REFUSED: Final = Refused()
@@ -79,7 +80,7 @@ Node = Scalar | Sequence | Mapping
 
 
 def read_tree(data: bytes, findings: Findings) -> Node | None:
-    """Tree of the one document in `data`; None where it cannot be read at all, and then there is a finding."""
+    """Read the one document in `data`; None, and a finding, where it cannot be read."""
     if len(data) > MOST_BYTES:
         findings.add(
             rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text"
@@ -99,7 +100,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
         findings.add(limit.rule, limit.place, str(limit), limit.hint)
     except yaml.MarkedYAMLError as error:
         mistake = mistake_of(error, text)
-        if "nesting depth" in (error.problem or ""):  # libyaml reads ahead, and has a limit of its own
+        if "nesting depth" in (error.problem or ""):  # libyaml reads ahead, and has its own limit
             findings.add(rules.TOO_DEEP, mistake.place, _TOO_DEEP, _KEEP_FLAT)
         else:
             findings.add(rules.SYNTAX, mistake.place, mistake.sentence, mistake.hint)
@@ -107,7 +108,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
 
 
 def plain(node: Node) -> object:
-    """The tree without its places: dicts, lists and values."""
+    """Convert a tree to dicts, lists and values, without places."""
     match node:
         case Scalar():
             return node.value
@@ -123,7 +124,10 @@ def is_nothing(node: Node) -> bool:
 
 
 def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
-    """The node at a path of keys and indices, or the last one before the path leaves the tree; and the steps taken."""
+    """Give the node at a path of keys and indices, or the last node before the path leaves the tree.
+
+    And the steps taken.
+    """
     for taken, step in enumerate(path):
         match node:
             case Mapping() if isinstance(step, str) and step in node.entries:
@@ -136,12 +140,12 @@ def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
 
 
 def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
-    """Place of the value at a path; where the path leaves the tree, of the last value on it."""
+    """Place of the value at a path, or of the last value before the path leaves the tree."""
     return follow(node, path)[0].place
 
 
 def texts(node: Node) -> Iterator[str]:
-    """Every text among the values of a tree, in the order of the file."""
+    """Give every text among the values of a tree, in the order of the file."""
     match node:
         case Scalar(value=str() as text):
             yield text
@@ -154,7 +158,7 @@ def texts(node: Node) -> Iterator[str]:
 
 
 def has_refused(node: Node) -> bool:
-    """Tell whether some part of the tree was refused, so that there is a finding about it already."""
+    """Tell whether some part of the tree was refused, and so has a finding."""
     match node:
         case Scalar():
             return node.value is REFUSED
@@ -169,14 +173,14 @@ def _is_number(node: Node | None) -> bool:
 
 
 def key_place(node: Node, key: str) -> Place:
-    """Place of a key of a map; of the map itself where it lacks the key."""
+    """Place of a key of a map, or of the map itself if it lacks the key."""
     if isinstance(node, Mapping) and key in node.entries:
         return node.entries[key].place
     return node.place
 
 
 class _LimitError(Exception):
-    """A file beyond a limit; reading stops at once."""
+    """A file exceeds a limit; reading stops at once."""
 
     def __init__(self, rule: Rule, place: Place, sentence: str, hint: str) -> None:
         super().__init__(sentence)
@@ -264,7 +268,10 @@ class _Builder:
         return entries
 
     def _key(self, key: Node, event: yaml.Event) -> str | None:
-        """Text of a key, or None where it has none; a refused key keeps its text, and is not reported as missing."""
+        """Text of a key, None where the key is not text.
+
+        A refused key keeps its text, so that it is not reported as missing.
+        """
         if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
             if not isinstance(key.value, str):
                 sentence = f"the key {shown(event.value)} is not text"
@@ -274,10 +281,12 @@ class _Builder:
         return None
 
     def _left_over(self, place: Place, digits: str) -> None:
-        """Report digits behind a comma, as in {cpu: 0,5}, as such; they are never a key."""
+        """Report digits after a decimal comma, as in {cpu: 0,5}, which are never meant as a key."""
         self._findings.withdraw(place)
-        hint = "write a point in front of decimals, and nothing between thousands"
-        self._findings.add(rules.KEY_NOT_TEXT, place, f"a comma ends a value, and {shown(digits)} is left over", hint)
+        hint = "write a decimal point instead of a comma, and no separator of thousands"
+        self._findings.add(
+            rules.KEY_NOT_TEXT, place, f"the value ends at the comma, and {shown(digits)} is left over", hint
+        )
 
     def _value(self, event: yaml.ScalarEvent, place: Place) -> Value | Refused:
         if not event.implicit[0]:  # quoted, or a block of text

@@ -1,8 +1,8 @@
-"""What the parser could not read, reported at the place where it should be fixed.
+"""Reports text that is not YAML at the place where it should be fixed.
 
-A parser stops where it cannot go on, and that is often a line or more below the mistake: a bracket that is not
-closed swallows what follows. Here the place is moved up to where the mistake began, as far as the parser knows that or
-the lines around tell it; the parser's own place is kept in the sentence.
+The parser stops where it cannot go on, often a line or more below the mistake: after a bracket that is not closed, for
+example, it reads on. This file moves the place up to the begin of the mistake, as far as the parser or the lines around
+show it; the sentence also gives the place where the parser stopped.
 """
 
 import re
@@ -22,7 +22,7 @@ _LOOK: Final = "look for a missing quote, comma, colon or bracket"
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """Where the text is not YAML, and why."""
+    """The place where a text is not YAML, a sentence, and a hint."""
 
     place: Place
     sentence: str
@@ -30,12 +30,12 @@ class Mistake:
 
 
 def split_lines(text: str) -> list[str]:
-    """Lines of a text, as YAML counts them."""
+    """Split a text into lines, as YAML counts them."""
     return LINE_BREAK.split(text)
 
 
 def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
-    """The place and sentence for an error of the parser."""
+    """Convert an error of the parser to a mistake."""
     lines = split_lines(text)
     stopped = _place(error.problem_mark or error.context_mark)
     begun = _place(error.context_mark) if error.context_mark is not None else stopped
@@ -75,7 +75,7 @@ def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:
 
 
 def _odd_line(error: yaml.MarkedYAMLError, stopped: Place, lines: list[str]) -> Mistake | None:
-    """The line above the one at which the parser stopped, where that is the odd one of the two."""
+    """Report the line above the one at which the parser stopped, if that line has the mistake; else None."""
     above = _line_above(stopped.line, lines)
     if above is None:
         return None
@@ -99,7 +99,7 @@ def _indented_oddly(number: int, stopped: Place, lines: list[str]) -> Mistake | 
 
 
 def _line_above(number: int, lines: list[str]) -> int | None:
-    """Number of the last line above that is neither empty nor a comment."""
+    """Number of the last line above line `number` that is neither empty nor a comment; None if there is none."""
     for above in range(number - 1, 0, -1):
         if _is_content(lines[above - 1]):
             return above
@@ -112,7 +112,7 @@ def _is_content(line: str) -> bool:
 
 
 def _is_rarer(line: str, other: str, lines: list[str]) -> bool:
-    """Tell whether fewer lines of the file are indented like the one than like the other."""
+    """Tell whether fewer lines of the file are indented like `line` than like `other`."""
     found = [_indentation(text) for text in lines]
     return found.count(_indentation(line)) < found.count(_indentation(other))
 

@@ -1,15 +1,15 @@
-"""The module API: what the code of a software module sees.
+"""The module API: the interface between the code of a module and the agent.
 
-A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
-spec: a bare name is looked up in the installed catalogues, `package.module:Class` is imported. A module is built anew
-when it is started, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on with its
-present state. It has no reference to a bus or another module. All its inputs come through `inputs` and `self.ctx`.
+A module is a class with `step(inputs) -> outputs`, called once per period of its mode. The `image` in the spec names
+the class: a bare name is looked up in the installed catalogues, `package.module:Class` is imported. The agent makes a
+new object when a module starts, when it has failed, and when its mode changes, unless `mode_changed` returns True. A
+module has no reference to a bus or to another module: all its inputs come through `inputs` and `self.ctx`.
 
-On a node a module runs in a separate process, its *partition*, with the other modules of its group. An exception that
-it raises, or the end of that process, is a failure of the module: it is built anew a few times, and then given up.
+On a node a module runs in a separate process, its *partition*, which it may share with other modules. If the module
+raises an exception, or the process ends, the module has failed: it is restarted a few times, and then given up.
 
-Local and remote data look the same. A datum that is too old, foreign or of an unaccepted version is simply absent, so
-an optional input that is not supplied and one that has just been lost are handled by the same line of code.
+Local and remote data look the same. A datum that is too old, from a wrong producer, or of an unaccepted version is
+absent. So one line of code handles an optional input that was never supplied and one that has just been lost.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ class Datum(NamedTuple):
     value: Value
     version: int  # quality: 1 is the best
     age_ns: int  # since it was produced (local) or received (remote)
-    valid: bool = True  # False: its producer says that it does not trust it
+    valid: bool = True  # False: the producer has marked the value as not usable
 
     def number(self) -> float:
         """Value as a float; raises TypeError where the value is not a number."""
@@ -36,7 +36,7 @@ class Datum(NamedTuple):
 
 
 class Inputs(Mapping[str, Datum]):
-    """Fresh inputs of one step, by variable; where several leaves name a variable, its best version.
+    """Fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
 
     A variable that is not supplied is absent: use `inputs.get("name")`.
     """
@@ -57,7 +57,7 @@ class Inputs(Mapping[str, Datum]):
     @overload
     def get(self, variable: str, /, default: Datum | T) -> Datum | T: ...
     def get(self, variable: str, /, default: Datum | T | None = None) -> Datum | T | None:
-        """Give the datum of a variable, or `default`; faster than the `get` of Mapping, which catches an exception."""
+        """Give the datum of a variable, or `default`; faster than `Mapping.get`, which catches an exception."""
         return self._best.get(variable, default)
 
     def __iter__(self) -> Iterator[str]:
@@ -67,17 +67,17 @@ class Inputs(Mapping[str, Datum]):
         return len(self._best)
 
     def leaf(self, path: str) -> Datum | None:
-        """Datum at one leaf of `needs`, by its index path ("", "0", "0.1")."""
+        """Give the datum at one leaf of `needs`, by the leaf's index path ("", "0", "0.1"); None if it is absent."""
         found = self._by_leaf.get(path)
         return found[1] if found else None
 
     def every(self, variable: str) -> list[Datum]:
-        """All versions of a variable that are supplied, best first, for a voter."""
+        """Give all data of a variable that are supplied, best version first, as a voter needs them."""
         return sorted((d for v, d in self._by_leaf.values() if v == variable), key=lambda d: d.version)
 
 
 class Context(Protocol):
-    """The interface through which a module uses its host."""
+    """The interface through which a module uses the agent."""
 
     @property
     def module(self) -> str:
@@ -96,19 +96,25 @@ class Context(Protocol):
         """Time of this step on the host's monotonic clock, in ns."""
 
     def read(self) -> Value | None:
-        """Reading of the module's device when this step began; None when the device did not answer."""
+        """Reading of the module's device at the begin of this step; None if the device did not answer."""
 
     def write(self, value: Value) -> None:
-        """Command the module's device: executed when the step has ended, if the output is still authorized then."""
+        """Command the module's device.
+
+        The command is executed after the step, if the output is still authorized then.
+        """
 
     def may_drive(self) -> bool:
-        """Tell whether outputs may be set now; a module that drives a device itself calls this before each command."""
+        """Tell whether outputs are authorized now.
+
+        A module that drives hardware itself calls this before each command.
+        """
 
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
 
     def request_phase(self, phase: str) -> None:
-        """Request a mission phase of the spec from the manager; requesting the same one again has no effect."""
+        """Request a mission phase of the spec from the manager; the same request in the next step has no effect."""
 
 
 class Module:
@@ -118,9 +124,15 @@ class Module:
         self.ctx = ctx
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compute one period; gives values of the variables that the mode gives. One left out is not published."""
+        """Compute one period; gives values by variable, of those in the mode's `gives`.
+
+        One left out is not published.
+        """
         raise NotImplementedError
 
     def mode_changed(self) -> bool:
-        """Go on in `ctx.mode`, with `ctx.period_ns`; True if the present state serves there, else it is built anew."""
+        """Take over a new `ctx.mode` and `ctx.period_ns`.
+
+        True: go on with the present state, False: build the module anew.
+        """
         return False

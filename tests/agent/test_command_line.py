@@ -57,14 +57,14 @@ def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
 ) -> None:
     monkeypatch.setattr("heronry_agent.shell.devices.PLANT", "absent")
     code, line = complaint(capsys, "--table", table, "-i", "softbus", "-c", "/no/such.sock")
-    assert (code, line) == (2, "pe-agent: no device driver is named 'absent'; installed here: plant")
+    assert (code, line) == (2, "pe-agent: no device driver is named 'absent'; installed are: plant")
 
 
 @pytest.mark.parametrize(
     ("content", "says"),
     [
         (None, "No such file"),
-        (b"\xff\xfe", "it is no text"),
+        (b"\xff\xfe", "the file is not text"),
         (b"{", "not JSON"),
         (b"[]", "not of format"),
         (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "node_id 3"),

@@ -29,7 +29,7 @@ def bolted(**devices: RecordedDevice) -> tuple[Devices, RecordedDriver]:
 
 
 def test_the_message_about_an_unknown_driver_names_the_installed_ones() -> None:
-    with pytest.raises(DeviceDriverError, match=r"no device driver is named 'plnat'; installed here: plant"):
+    with pytest.raises(DeviceDriverError, match=r"no device driver is named 'plnat'; installed are: plant"):
         find_device_driver("plnat")
 
 
@@ -126,7 +126,7 @@ def test_a_module_is_given_what_is_valid_and_nothing_else(reading: Reading, give
 def test_a_module_without_a_device_reads_nothing_drives_nothing_and_leaves_nothing_to_make_safe() -> None:
     devices, driver = bolted()
     assert devices.read(CONTROL, 0) is None
-    assert devices.drive(Drive(CONTROL, 1.0), 0) == DriveFailed(CONTROL, "it has no device to drive")
+    assert devices.drive(Drive(CONTROL, 1.0), 0) == DriveFailed(CONTROL, "the module has no device to drive")
     devices.make_safe(CONTROL, 0)
     assert {device.made_safe for device in driver.devices.values()} == {0}
 

@@ -279,7 +279,7 @@ class TestLimits:
         gates = "".join(f", g{i}: {{and: [g{i - 1}]}}" for i in range(1, 5000))
         gates = gates.replace("{and: [g63]}", "{»and: [g63]}")
         said = complaint(logic("", gates=f"{{g0: command{gates}}}"))
-        assert "this gate is deeper than 64 levels when named gates are written out" in said
+        assert "this gate has more than 64 levels when named gates are written out" in said
 
     def test_all_modes_together(self) -> None:
         variables = ", ".join(f"v{i}: {{type: FLOAT}}" for i in range(900))

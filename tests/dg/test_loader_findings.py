@@ -21,7 +21,7 @@ HEADER = [
     ({"dg": "»2"}, "'dg' of the spec must be 1, not 2"),
     ({"name": "»9lives"}, "'name' of the spec must be a name, not '9lives' (use a letter"),
     ({"»nmae": "x"}, "the spec has no field 'nmae' (did you mean 'name'?)"),
-    ({"»xyz": "x"}, "the spec has no field 'xyz' (it may have buses,"),
+    ({"»xyz": "x"}, "the spec has no field 'xyz' (its fields are buses,"),
     ({"buses": "»[can0]"}, "'buses' must be a map, not a list"),
     ({"pes": "»nav", "devices": "{}", "modules": "{}", "functions": "{}"}, "'pes' must be a map, not 'nav'"),
     ({"variables": "{»x-y: {type: FLOAT}}", "modules": "{}", "functions": "{}"}, "'x-y' cannot be a name"),
@@ -52,7 +52,7 @@ BUSES = [
 MANAGER = [
     ({"manager": "{bus: »can1}"}, "no bus is named 'can1' (did you mean 'can0'?)"),
     ({"manager": "{without_manager: »stop}"}, "must be 'keep' or 'safe_mode', not 'stop'"),
-    ({"»buses": "{can0: {bitrate: 1000, kind: wireless}}"}, "no bus is wired, and the manager's is not given"),
+    ({"»buses": "{can0: {bitrate: 1000, kind: wireless}}"}, "no bus is wired, and no bus is given for the manager"),
     (
         {"buses": "{can0: {bitrate: 1000}, air: {bitrate: 1000, kind: wireless}}", "manager": "{bus: »air}"},
         "the manager is on bus 'air', which is wireless (put it on a wired one, such as can0)",
@@ -289,7 +289,7 @@ def test_a_name_is_suggested_whatever_its_letters_case() -> None:
 
 
 def test_a_decimal_comma_and_a_separator_of_thousands_are_recognized() -> None:
-    left_over = "a comma ends a value, and"
+    left_over = "the value ends at the comma, and"
     assert f"{left_over} '5' is left over" in complaint(
         spec_text(devices="{gps: {kind: sensor, pe: nav, rate_per_h: 0,»5}}")
     )

@@ -46,9 +46,7 @@ def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:
     )
     said = complaints(spec_text(variables="{»altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}"))
     (only,) = said
-    assert only.startswith(
-        "nothing names 'altitde', and 3 times 'altitude' is named, which does not exist (rename it to"
-    )
+    assert only.startswith("nothing uses 'altitde', and 3 times 'altitude' is used, which does not exist (rename it to")
 
 
 def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
@@ -65,7 +63,7 @@ def test_a_name_that_is_used_twice_and_declared_nowhere_is_missing_from_its_sect
     modules = f"{{driver: {{device: gps, gives: {{wind: 1}}, {body}}}, b: {{needs: wind, {body}}}}}"
     text = spec_text(modules=modules).replace("variables:", "»variables:")
     (said,) = complaints(text)
-    assert said == "'variables' has no 'wind', which is named 2 times (declare it here, or fix line 6)"
+    assert said == "'variables' has no 'wind', which is used 2 times (declare it here, or fix line 6)"
 
 
 def test_two_names_that_are_merely_alike_are_not_one_misspelt() -> None:
@@ -76,7 +74,7 @@ def test_two_names_that_are_merely_alike_are_not_one_misspelt() -> None:
     )
     text = spec_text(variables="{altitude: {type: FLOAT}}", modules=modules).replace("variables:", "»variables:")
     (said,) = complaints(text)
-    assert said.startswith("'variables' has no 'gps_altitude', which is named 2 times (declare it here, or fix lines")
+    assert said.startswith("'variables' has no 'gps_altitude', which is used 2 times (declare it here, or fix lines")
     assert said.endswith("lines 6 and 7: did you mean 'altitude'?)")
 
 
@@ -90,7 +88,7 @@ def test_of_a_pair_used_once_the_one_whose_words_are_known_is_right() -> None:
         )
     )
     assert said == [
-        "nothing names 'gsp', and once 'gps' is named, which does not exist (rename it to gps, or fix line 6)"
+        "nothing uses 'gsp', and once 'gps' is used, which does not exist (rename it to gps, or fix line 6)"
     ]
 
 

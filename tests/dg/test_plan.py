@@ -229,8 +229,8 @@ WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'
         ('{\n "modules": {,}}', "line 2, column 14: this is not JSON"),
         ("[]", "the plan is [] and must be an object"),
         ("NaN", "NaN is no JSON number"),
-        ("1" * 5000, "the plan holds a number too long to be one"),
-        ("[" * 100_000, "the plan is nested too deeply to be one"),
+        ("1" * 5000, "the file holds a number too long for a plan"),
+        ("[" * 100_000, "the file is nested too deeply to be a plan"),
         ("{}", "the plan has no 'modules'"),
         ('{"modules": []}', "the plan: 'modules' is [] and must be an object"),
         ('{"modules": {"a": 1}}', "modules: 'a' is 1 and must be an object"),
@@ -256,7 +256,7 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "sentence"),
     [
-        (("spec",), "0" * 64, "the plan was made for another file than spec elevator_and_chute"),
+        (("spec",), "0" * 64, "the plan was made for another spec, or another version of spec elevator_and_chute"),
         (("phase",), "glide", "no phase is named 'glide'"),
         (("phase",), 3, "phase is 3 and must be a string or null"),
         (("down",), ["pe:tail"], "no pe is named 'tail'; did you mean 'tail_pe'?"),
@@ -264,7 +264,7 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
         (("limits", "bus:can0"), 0.4, "limits: 'bus:can0' is 0.4 and must be a string"),
         (("limits", "bus:can0"), "much", "'bus:can0=much' is not a limit"),
         (("optimal",), "yes", "the plan: 'optimal' is \"yes\" and must be true or false"),
-        (("objective", "utility"), 9000, "objective is not what the plan's configuration is worth"),
+        (("objective", "utility"), 9000, "objective does not fit the plan's configuration"),
         (("modules", "chute_logic", "mode"), "fast", "modules.chute_logic.mode: the module has no mode 'fast'"),
         (("modules", "chute_logic", "pe"), "nose", "modules.chute_logic.pe: the spec has no PE 'nose'"),
         (

@@ -197,7 +197,7 @@ def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
     ground.hear_page_0()
     code, said = end(ground.start())
     assert code == 1
-    assert said == [f"pe-agent: another node on the bus has node-ID {NODE}; give one of them another in the spec"]
+    assert said == [f"pe-agent: another node on the bus has node-ID {NODE}; change one of the two in the spec"]
     assert ground.hear_page_0().sequence > 0
 
 

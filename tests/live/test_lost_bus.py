@@ -252,7 +252,7 @@ def test_another_bit_rate_is_refused_and_in_flight_waited_out(wire: Ground, adap
     agent = Log(wire)
     wire.hear_page_0()
     adapter.set_up(500_000)
-    agent.until("it runs at 500000 bit/s, and this bus at 1000000")
+    agent.until("the interface runs at 500000 bit/s, and this bus at 1000000")
     second = wire.start()
     _, said = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 2

@@ -383,7 +383,7 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
     aircraft.hear(lambda frame: frame.can_id == state_id(node))
     table = str(aircraft.folder / "tail_pe.table")
     sentence = complaint(*AGENT, "--table", table, *aircraft.bus_flags, code=1)
-    assert sentence == f"pe-agent: another node on the bus has node-ID {node}; give one of them another in the spec"
+    assert sentence == f"pe-agent: another node on the bus has node-ID {node}; change one of the two in the spec"
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def groups(delegated: Delegated) -> PartitionGroups:
 def test_what_a_partition_shares_is_limited_and_others_go_on(delegated: Delegated, groups: PartitionGroups) -> None:
     hosted = Hosted("Shares", groups=groups)
     try:
-        assert hosted.misbehave() == PartitionEnded("bad", "it took more memory than it was given", CONTROL)
+        assert hosted.misbehave() == PartitionEnded("bad", "it took more memory than its limit", CONTROL)
         assert hosted.demand(MONITOR) == 3.0
         hosted.start(CONTROL)
         assert hosted.demand(CONTROL) == 1.0

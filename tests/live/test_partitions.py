@@ -193,7 +193,7 @@ def test_one_that_was_stopped_while_it_hangs_does_not_hold_its_partition() -> No
         while not events and time.monotonic() < end_s:
             assert hosted.do(MeasureStep(MONITOR, 101)) == StepMeasured(MONITOR, 101, 0)
             events = hosted.host.take([], time.monotonic_ns())
-        assert events == [PartitionEnded("bad", "it hangs in a module that was stopped", CONTROL)]
+        assert events == [PartitionEnded("bad", "it hangs in a step of a module that was stopped", CONTROL)]
     finally:
         hosted.host.close()
 

@@ -88,7 +88,7 @@ def test_two_cannot_wait_with_one_number(hub: HubProcess) -> None:
     first.hear(heartbeat_id(NODE))
     code, said = WaitingPe(hub).end()
     assert code == 1
-    assert said == f"pe-agent: another node on the bus has node-ID {NODE}; give one of them another\n"
+    assert said == f"pe-agent: another node on the bus has node-ID {NODE}; change one of the two\n"
     assert first.end() == (0, "")
 
 

@@ -84,7 +84,7 @@ def test_a_device_that_cannot_execute_its_command_reports_it() -> None:
     assert isinstance(answer, DriveFailed)
     assert "needs a number as its command" in answer.reason
     nothing = Hosted("Steady", device=None)
-    assert nothing.host.carry_out(Drive(MODULE, 1.0), 7) == DriveFailed(MODULE, "it has no device to drive")
+    assert nothing.host.carry_out(Drive(MODULE, 1.0), 7) == DriveFailed(MODULE, "the module has no device to drive")
 
 
 def test_a_partition_that_ends_takes_its_modules_with_it() -> None:
@@ -112,7 +112,7 @@ def test_a_module_is_built_anew_when_it_is_started_again() -> None:
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("Raising", "ZeroDivisionError: of all things"), ("Wrong", "its step gave int, not a mapping")],
+    [("Raising", "ZeroDivisionError: of all things"), ("Wrong", "the module's step gave int, not a mapping")],
 )
 def test_what_a_step_does_wrong_is_one_line(name: str, reason: str) -> None:
     assert Hosted(name).step() == StepFailed(MODULE, 1, reason)

@@ -88,7 +88,7 @@ def test_a_few_bits_stand_for_the_first_number_above_the_last(after: int, low: i
 
 
 def test_a_key_has_its_length_and_is_never_printed() -> None:
-    with pytest.raises(WireError, match="a key has 32 bytes, this one has 31"):
+    with pytest.raises(WireError, match="a key has 32 bytes, not 31"):
         Key(bytes(31))
     assert repr(KEY) == f"Key({KEY.fingerprint})"
     assert SECRET.hex() not in repr(KEY)

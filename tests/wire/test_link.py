@@ -347,7 +347,7 @@ def test_a_bus_on_which_no_node_acknowledges_is_one_event(stubborn: Link) -> Non
 def test_an_interface_at_another_bit_rate_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = CanInterface("can0", "can", is_can=True, is_up=True, queue_length=10, bitrate=500_000)
     monkeypatch.setattr(can_interface, "read_interface", lambda _: slow)
-    with pytest.raises(LinkError, match=r"it runs at 500000 bit/s, and this bus at 1000000: 'ip link set can0 down"):
+    with pytest.raises(LinkError, match=r"interface runs at 500000 bit/s, and this bus at 1000000: 'ip link set can0"):
         Link({"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000})
 
 

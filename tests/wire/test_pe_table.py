@@ -177,7 +177,7 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
         (("spec_digest",), "ab", "spec_digest ab is not a SHA-256"),
         (("without_manager",), "panic", "table.without_manager holds 'panic'"),
         (("devices", 0, "kind"), "toaster", "table.devices[0].kind holds 'toaster'"),
-        (("sources", 0, "identifier"), 200, "has identifier 200, which is not for data"),
+        (("sources", 0, "identifier"), 200, "has identifier 200, which is not one for data"),
         (("sources", 0, "identifier"), 5000, "has identifier 5000"),
         (("modules", 0, "index"), -1, "is not number -1 of module_names"),
         (("modules", 0, "index"), 10**9, "is not number 1000000000 of module_names"),
@@ -197,7 +197,7 @@ def test_an_error_names_its_place(path: Path, value: Json, sentence: str) -> Non
 
 def test_two_modules_have_two_indices() -> None:
     modules = value_at(("modules",))
-    assert "two modules have one index" in refused(changed(("modules",), [modules[0], modules[0]]))
+    assert "two modules have the same index" in refused(changed(("modules",), [modules[0], modules[0]]))
 
 
 @pytest.mark.parametrize(

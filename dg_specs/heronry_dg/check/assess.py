@@ -1,7 +1,7 @@
-"""From the bytes of one file to all findings about it.
+"""Checks the bytes of one spec file, and gives all findings about it.
 
-The loader comes first. Only a spec that loads goes to the checks of the families; a finding that stops a spec from
-being loaded is always reported, whatever was selected, because nothing else is known about that spec.
+The loader runs first; the checks of the rule families run only on a spec that loads. A finding that stops a spec from
+being loaded is always reported, whatever the user selected, because nothing else is known about that spec.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,25 +20,25 @@ Check = Callable[[Subject, Findings], None]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The findings that the user wants: beginnings of codes, and the codes of warnings that are errors here."""
+    """The user's choice of findings: prefixes of codes to select and ignore, and codes to raise to errors."""
 
     selected: tuple[str, ...] = ("DG",)
     ignored: tuple[str, ...] = ()
     raised: frozenset[str] = frozenset()
 
     def includes(self, code: str) -> bool:
-        """Tell whether findings of a code are wanted."""
+        """Tell whether the user wants findings of a code."""
         return code.startswith(self.selected) and not code.startswith(self.ignored)
 
     def includes_some_of(self, prefix: str) -> bool:
-        """Tell whether findings of some code with this beginning could be wanted."""
+        """Tell whether the user could want findings of some code with this prefix."""
         wanted = any(prefix.startswith(one) or one.startswith(prefix) for one in self.selected)
         return wanted and not prefix.startswith(self.ignored)
 
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """One file and what was found, with the lines in which it was found."""
+    """The findings about one file, and the lines of the file that have findings."""
 
     file: str
     findings: tuple[Finding, ...]
@@ -56,7 +56,7 @@ class Assessed:
 def assess(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
 ) -> Assessed:
-    """Check a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
+    """Check a file; `checks` by prefix of the codes that they find, `rules` by code: all that a comment may name."""
     with loader.collector_at_rest():
         return _assess(data, file, checks, rules, choice)
 
@@ -78,7 +78,7 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
 
 
 def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
-    """Some lines of a file, which may have millions of them."""
+    """Give some lines of a file by number, without splitting the whole file, which may have millions."""
     last = max(numbers, default=0)
     lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()
     return {number: line for number, line in lines if number in numbers}
@@ -87,7 +87,7 @@ def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Findings that count, and the comments that suppressed others."""
+    """Give the findings to report, and the comments that suppressed other findings."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:
@@ -99,13 +99,13 @@ def _told(
 
 
 def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Finding]:
-    """Findings without those that an error of their family may have caused."""
+    """Remove findings that an error of the same family may have caused."""
     hushed = {finding.code[:3] for finding in told if finding.severity is Severity.ERROR}
     return [finding for finding in told if not (rules[finding.code].echo and finding.code[:3] in hushed)]
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
-    """Findings about comments that ignore nothing, for the codes that were checked."""
+    """Find comments that suppress no finding, among the codes that were checked."""
     rule = file_rules.UNUSED_IGNORE
     unused = Findings(file)
     for ignore in said.ignores:

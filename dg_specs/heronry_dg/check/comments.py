@@ -4,9 +4,8 @@
     # dg: ignore[DG240, DG241] for the next line that is neither empty nor a comment
     # dg: error[DG401]         above the first line of the spec: this warning is an error here
 
-A comment counts from the first `# dg:` of a line on, wherever that stands: one inside a quoted text counts, too, or
-gives a finding. A finding that stops a spec from being loaded is never ignored, nor is what is found about the comments
-themselves.
+An instruction begins at the first `# dg:` of a line, even inside a quoted text. A finding that stops a spec from being
+loaded cannot be ignored, nor can a finding about the comments themselves.
 """
 
 import re
@@ -27,7 +26,7 @@ _HINT: Final = "write # dg: ignore[DG240] reason, or # dg: error[DG240] above th
 
 @dataclass(frozen=True, slots=True)
 class Ignore:
-    """One code that is ignored on one line."""
+    """An instruction to ignore one code on one line."""
 
     place: Place  # of the comment
     code: str
@@ -42,12 +41,12 @@ class Instructions:
     raised: set[str] = field(default_factory=set)
 
     def ignores_of(self, finding: Finding) -> Iterator[Ignore]:
-        """The instructions that ignore a finding; none where it counts."""
+        """Give the instructions that suppress a finding; none where the finding is to be reported."""
         return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
 
 
 def lines_of(data: bytes) -> Iterator[str]:
-    """The lines of a file, one by one; what is no UTF-8 is replaced."""
+    """Give the lines of a file one by one; bytes that are not UTF-8 are replaced."""
     text = data.decode("utf-8-sig", "replace")
     begin = 0
     for line_break in LINE_BREAK.finditer(text):
@@ -57,7 +56,7 @@ def lines_of(data: bytes) -> Iterator[str]:
 
 
 def read_instructions(data: bytes, known: Mapping[str, Rule], findings: Findings) -> Instructions:
-    """Read the comments of a file; findings for what makes no sense."""
+    """Read the instructions in a file; adds a finding for each one that makes no sense."""
     reader = _Reader(known, findings)
     if _MAY_HAVE_ONE.search(data):
         reader.read(list(lines_of(data)))
@@ -71,7 +70,7 @@ class _Reader:
         self.found = Instructions()
 
     def read(self, lines: list[str]) -> None:
-        """Read all lines, from the last one up: a comment on a line of its own is about what follows."""
+        """Read all lines from the last one up, because a comment on its own line is about a line below."""
         content = [number for number, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
         first = following = content[0] if content else len(lines) + 1
         for number in range(len(lines), 0, -1):
@@ -95,7 +94,7 @@ class _Reader:
 
     def _raise(self, place: Place, codes: str, *, in_head: bool) -> None:
         if not in_head:
-            sentence = "a warning is raised to an error for a whole spec, not for a line"
+            sentence = "a warning can be raised to an error only for a whole spec, not for a line"
             self._findings.add(rules.BAD_COMMENT, place, sentence, "move the comment above the first line of the spec")
             return
         for rule in self._rules(place, codes):
@@ -120,7 +119,7 @@ class _Reader:
                 yield self._known[code]
             else:
                 hint = self._findings.suggestion(code, self._known.keys()) or "heronry rules lists all codes"
-                self._findings.add(rules.UNKNOWN_CODE, place, f"there is no code {shown(code)}", hint)
+                self._findings.add(rules.UNKNOWN_CODE, place, f"no rule has the code {shown(code)}", hint)
 
 
 _ABOUT_COMMENTS: Final = frozenset(

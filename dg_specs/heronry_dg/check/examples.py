@@ -1,8 +1,8 @@
-"""The examples of rules as whole specs: a fragment laid over a small spec without findings.
+"""Makes whole specs from the examples of rules: the example, a fragment, is merged into a small spec without findings.
 
-A fragment holds top-level keys with what belongs to them; each takes the place of the key of that name in `SOUND`, or
-is added at the end. A fragment that has a `dg` key, or no key at all, is a whole file by itself. Text that is no UTF-8
-is written with surrogate escapes.
+A fragment holds top-level keys with their values; each key replaces the key of that name in `SOUND`, or is added at the
+end. A fragment that has a `dg` key, or no key at all, is a whole file by itself. Bytes that are not UTF-8 are written
+as surrogate escapes.
 """
 
 import re
@@ -30,7 +30,7 @@ _KEY: Final = re.compile(r"^(?=[A-Za-z_]+:)", re.MULTILINE)
 
 
 def whole_spec(fragment: str) -> bytes:
-    """The file that a fragment stands for."""
+    """Give the bytes of the file that a fragment stands for."""
     head, *own = _KEY.split(fragment)
     sections = {_key(section): section for section in own}
     if not own or "dg" in sections or head.startswith(("%", "---")):

@@ -1,10 +1,10 @@
-"""DG23x and DG24x: parts of a spec that load and still have no effect, or none that can be meant.
+"""DG23x and DG24x: parts of a spec that load, but have no effect or cannot have the effect that the author meant.
 
-The check needs no solver, and looks at all modes together. What is reported is certain; what is not reported may still
-be impossible for reasons of place and capacity, which are for the families that solve. Consequences are left out: a
-module that never runs because no module gives one of its inputs is reported once, at that input, and unused parts are
-reported only where all inputs can be wired: a driver that is missing would leave its device unused, and all else that
-its reader reads.
+The check needs no solver, and considers all modes together. Every finding is certain. A part without a finding may
+still be impossible for reasons of place and capacity; the families with a solver find those. Consequences of a mistake
+are not reported. If no module gives an input, there is one finding at that input, and none about the module that
+therefore never runs. Unused parts are reported only if all inputs can be wired: a missing driver, for example, would
+leave its device unused, and all other data that its reader reads.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.
@@ -41,7 +41,7 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 class _Wiring:
-    """The producers and readers of variables, over all modes; each answer is computed once."""
+    """Who could produce and read each variable, over all modes of all modules; results are cached."""
 
     def __init__(self, spec: Spec) -> None:
         self.demux_of = {name: demux.name for demux in spec.demuxes.values() for name in demux.branches}
@@ -61,11 +61,11 @@ class _Wiring:
                     self._readers[variable, version].append(module.name)
 
     def is_given(self, leaf: Leaf) -> bool:
-        """Tell whether some module gives what a leaf accepts."""
+        """Tell whether some module gives a version that a leaf accepts."""
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Modules that could be wired to a leaf; branches of one DEMUX, of which one runs, count as one."""
+        """Modules that could be wired to a leaf; the branches of a DEMUX count as one, since only one of them runs."""
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -74,11 +74,11 @@ class _Wiring:
         return self._groups[key]
 
     def upstream(self, modules: Iterable[str]) -> set[str]:
-        """These modules and all that could give them something, directly or through others."""
+        """These modules, and all modules whose data could reach them, directly or through others."""
         return self._reached(modules, lambda name: self._reads[name], self._read_from)
 
     def downstream(self, modules: Iterable[str]) -> set[str]:
-        """These modules and all that could be given something of theirs, directly or through others."""
+        """These modules, and all modules that their data could reach, directly or through others."""
         return self._reached(modules, lambda name: self._gives[name], lambda datum: self._readers[datum])
 
     def _read_from(self, accepted: _Accepted) -> Iterable[str]:
@@ -119,7 +119,7 @@ def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
                 elif not wiring.is_given(leaf):
                     there = listed([f"{leaf.variable}@{version}" for version in sorted(wiring.givers[leaf.variable])])
                     sentence = f"module '{module.name}' reads {_accepted_text(leaf)}, which no module gives"
-                    findings.add(rules.UNGIVEN_VERSION, place, sentence, f"what is given is {there}")
+                    findings.add(rules.UNGIVEN_VERSION, place, sentence, f"modules give {there}")
 
 
 def _accepted_text(leaf: Leaf) -> str:
@@ -129,12 +129,12 @@ def _accepted_text(leaf: Leaf) -> str:
 
 
 def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
-    """Find phases that are never entered because no module gives what they watch."""
+    """Find phases that are never entered because no module gives the variable of their rule."""
     for phase in subject.spec.phases.values():
         if phase.when is not None and phase.when.variable not in wiring.givers:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
             place = subject.place("phases", phase.name, "when", "variable")
-            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give this one")
+            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give it")
 
 
 def _needs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
@@ -161,7 +161,7 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Tells whether gates of one module could hold if all that can run together did; False only with proof."""
+    """Tells whether the gates of a module could hold if as many other modules as possible ran; False only if proven."""
 
     module: Module
     wiring: _Wiring
@@ -176,7 +176,7 @@ class _Possible:
         return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
-        """Bound from above of how many inputs hold at once: one module gives one version of a variable at a time."""
+        """Upper bound of the inputs that hold at once; a module gives one version of a variable at a time."""
         leaves: dict[str, list[frozenset[str] | None]] = defaultdict(list)
         most = 0
         for expression in inputs:
@@ -191,7 +191,7 @@ class _Possible:
         return most
 
     def _sources(self, leaf: Leaf) -> frozenset[str] | None:
-        """Modules that could be wired to a leaf while this one runs; None where no module gives it: another finding."""
+        """Modules that could be wired to a leaf while this module runs; None if no module gives it."""
         if not self.wiring.is_given(leaf):
             return None
         groups, own = self.wiring.groups(leaf), self.wiring.demux_of.get(self.module.name)
@@ -199,11 +199,11 @@ class _Possible:
             leaf.accepts(mode.gives.get(leaf.variable, 0)) for mode in self.module.modes.values()
         ):
             return groups
-        return groups - {own}  # given by another branch of the DEMUX that this module is a branch of
+        return groups - {own}  # without other branches of this module's DEMUX: they do not run together
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:
-    """Inputs of an AND, those of ANDs below it among them."""
+    """Inputs of an AND, where an AND below it is replaced by its own inputs."""
     if not isinstance(expression, And):
         yield expression
         return
@@ -223,7 +223,7 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
 
 
 def _unused_gates(subject: Subject, findings: Findings) -> None:
-    """Find shorthands that no expression names; the loader refuses a DEMUX that no module names."""
+    """Find shorthands that no expression names; for a DEMUX the loader does this."""
     draft = subject.loaded.draft
     named: set[str] = set()
     for module in draft.modules.values():

@@ -1,7 +1,8 @@
 """The JSON schema of a spec (draft 7), for editors: they complete fields, show what each means, and mark mistakes.
 
-It comes from the forms of schema.py, and adds what those leave open: gate expressions, initial values, names. It
-accepts all that the loader accepts, a key without a value included; it knows nothing of what names refer to.
+It is generated from the forms of schema.py, with gate expressions, initial values and names added. It accepts
+everything that the loader accepts, including a key without a value; it does not check whether a name refers to
+something.
 """
 
 import json
@@ -44,7 +45,7 @@ _OR_FIELDS: Final[Mapping[str, Any]] = {
 }
 _INPUT: Final[Mapping[str, Any]] = {
     "type": "object",
-    "description": "A variable whose versions have other points than the usual ones.",
+    "description": "A variable whose versions are worth other points than by default.",
     "properties": {
         "var": {
             "type": "string",
@@ -55,7 +56,7 @@ _INPUT: Final[Mapping[str, Any]] = {
         "worth": {
             "type": ["array", "null"],
             "items": {"type": "integer", "minimum": 0, "maximum": MOST_POINTS},
-            "description": "Points for each version that is accepted (or that there is), best first.",
+            "description": "Points for each accepted version (or for each version of the variable), best first.",
             "examples": [[30, 10]],
         },
     },
@@ -63,12 +64,12 @@ _INPUT: Final[Mapping[str, Any]] = {
     "additionalProperties": False,
 }
 _EXPRESSION: Final[Mapping[str, Any]] = {
-    "description": "A gate expression: what must be wired for the mode to run.",
+    "description": "A gate expression: which inputs must be wired for the mode to run.",
     "anyOf": [
         {
             "type": "string",
             "pattern": _REFERENCE,
-            "description": "A variable in any version, in one (NAME@2) or up to one (NAME@<=2), or a named gate.",
+            "description": "A variable: any version (NAME), version 2 (NAME@2), 2 or better (NAME@<=2); or a gate.",
             "examples": ["altitude", "altitude@2", "altitude@<=2", "elevator_out"],
         },
         _gate("and", "All inputs hold.", _INPUTS, ["pitch_angle", "roll_angle"]),
@@ -85,18 +86,18 @@ _INITIAL: Final[Mapping[str, Any]] = {
 }
 _NO_MODES: Final[Mapping[str, Any]] = {
     "type": "null",
-    "description": "Modes by name; then fields of a mode, such as `cpu`, move into them.",
+    "description": "Modes by name; fields of a mode, such as `cpu`, then stand in each mode, not on the module.",
     "examples": [None],
 }
 
 
 def schema_text() -> str:
-    """The schema as the file dg.schema.json has it."""
+    """Give the schema as text, as the file dg.schema.json has it."""
     return json.dumps(spec_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 def spec_schema() -> dict[str, Any]:
-    """The schema of a whole spec."""
+    """Give the schema of a whole spec."""
     schema = SpecForm.model_json_schema(by_alias=True, ref_template="#/definitions/{model}")
     definitions = schema.pop("$defs")
     definitions["Expression"] = dict(_EXPRESSION)
@@ -111,7 +112,7 @@ def spec_schema() -> dict[str, Any]:
 
 
 def _complete_sections(sections: dict[str, Any]) -> None:
-    """Add the choice between several forms of an element, by the field that distinguishes them."""
+    """Where an element has several forms, let the field that distinguishes them choose the form."""
     sections["modules"]["additionalProperties"] = {
         "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
         "then": {"$ref": "#/definitions/ModuleOfModesForm"},
@@ -131,7 +132,7 @@ def _number_given(field: str) -> dict[str, Any]:
 
 
 def _complete(form: dict[str, Any]) -> None:
-    """Add to one form what the models leave open, and remove what only repeats a name."""
+    """Add patterns and gate expressions to the schema of a form, and remove titles that only repeat a name."""
     form.pop("title", None)
     required = form.get("required", ())
     for name, field in form.get("properties", {}).items():
@@ -159,7 +160,7 @@ def _strip_titles(node: Any) -> None:
 
 
 def _allow_nothing(field: dict[str, Any]) -> None:
-    """Accept null, as the loader does where a key is written without a value."""
+    """Let a field accept null: the loader accepts a key that is written without a value."""
     if isinstance(field.get("type"), str):
         field["type"] = [field["type"], "null"]
         if "enum" in field:

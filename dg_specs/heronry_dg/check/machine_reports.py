@@ -1,6 +1,6 @@
-"""Findings for programs: JSON, GitHub's workflow commands, SARIF and JUnit.
+"""Reports of findings for programs: JSON, GitHub's workflow commands, SARIF and JUnit.
 
-Lines and columns count from 1, columns in characters, and an end is the column behind the last character.
+Lines and columns count from 1. A column is a character, and the end of a range is the column behind its last character.
 
 Sources: SARIF 2.1.0 (OASIS standard, 2020), sections 3.14 to 3.51; workflow commands as GitHub's documentation of
 Actions has them; JUnit's XML as Ant and its readers agree on it.
@@ -22,7 +22,7 @@ SARIF_SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/o
 
 
 def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
-    """A list of findings, each an object."""
+    """Give a JSON list with one object per finding."""
     found = [
         {
             "file": finding.file,
@@ -42,7 +42,7 @@ def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
 
 
 def github_report(files: Sequence[Assessed]) -> str:
-    """One workflow command per finding, which GitHub shows beside the line."""
+    """Give one workflow command per finding; GitHub shows each beside its line."""
     return "".join(_command(assessed, finding) for assessed in files for finding in assessed.findings)
 
 
@@ -70,7 +70,7 @@ def _property(text: str) -> str:
 
 
 def sarif_report(files: Sequence[Assessed], rules: Mapping[str, Rule], version: str) -> str:
-    """One run of SARIF 2.1.0, with all rules and one result per finding."""
+    """Give one run of SARIF 2.1.0, with all rules, and one result per finding."""
     order = {code: index for index, code in enumerate(rules)}
     run = {
         "tool": {
@@ -119,7 +119,7 @@ def _uri(file: str) -> str:
 
 
 def junit_report(files: Sequence[Assessed]) -> str:
-    """One suite per file: a failed case per error, a passed one with a text per warning, one for a clean file."""
+    """Give one suite per file: a failed case per error, a passed case with text per warning, a passed case if clean."""
     suites = "".join(_suite(assessed) for assessed in files)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'
 
@@ -153,7 +153,7 @@ def _attribute(text: str) -> str:
 
 
 def _xml(text: str) -> str:
-    """Text without the characters that XML 1.0 has no way to write."""
+    """Remove the characters that XML 1.0 cannot write."""
     return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
 
 

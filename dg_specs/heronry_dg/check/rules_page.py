@@ -1,4 +1,4 @@
-"""The text about rules: one rule on a terminal, all of them as a page of documentation."""
+"""Writes the texts about rules: one rule for a terminal, and all rules as a page of documentation."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -14,13 +14,13 @@ _HEAD: Final = """\
 All rules of `heronry check`. `heronry rules --docs >docs/rules.md` writes this page; `heronry explain DG203` shows one
 rule. [check.md](check.md) tells how to select, ignore and raise codes.
 
-A finding that **stops** keeps the spec from being loaded by any command, and cannot be ignored. Where an example shows
-a part of a file, the rest is a small spec without findings.
+A finding that **stops** keeps the spec from being loaded by any command, and cannot be ignored. If an example shows
+only a part of a file, the rest is a small spec without findings.
 """
 
 
 def explained(rule: Rule) -> str:
-    """What, why, an example and its remedy, for a terminal."""
+    """Explain a rule for a terminal: what it finds, why it matters, an example and its remedy."""
     stops = ", and keeps the spec from being loaded" if rule.stops else ""
     return "\n".join(
         [
@@ -42,12 +42,12 @@ def explained(rule: Rule) -> str:
 
 
 def table(rules: Iterable[Rule]) -> str:
-    """One line per rule, for a terminal."""
+    """Give one line per rule, for a terminal."""
     return "".join(f"{rule.code}  {rule.severity:7}  {rule.name:24}  {rule.what}\n" for rule in rules)
 
 
 def page(families: Sequence[Family]) -> str:
-    """All rules as Markdown."""
+    """Give the page of all rules in Markdown."""
     parts = [_HEAD, *(_family_table(family) for family in families)]
     for family in families:
         parts.append(f"## {family.prefix}xx: {family.title}\n")
@@ -96,7 +96,7 @@ def _indented(text: str) -> str:
 
 
 def _shown(text: str) -> str:
-    """An example without what cannot be printed, long lines cut, and many lines left out."""
+    """Show an example: unprintable characters as codes, long lines cut, and a long text shortened."""
     visible = re.sub(r"[^\n -~]", lambda found: f"<{ord(found[0]) & 0xFF:02x}>", text.rstrip("\n"))
     lines = [line if len(line) <= 160 else f"{line[:80]} ... {line[-40:]}" for line in visible.split("\n")]
     if len(lines) > _MOST_LINES:

@@ -1,7 +1,7 @@
-"""A spec under check: its model, and where its parts were written.
+"""A spec under check: its model, and the places of its parts in the file.
 
-A check of a family is a function `check(subject, findings)`. It is called only for a spec that loads, so every form of
-the draft is there and every name refers to something.
+Each family has a function `check(subject, findings)`. It is called only for a spec that loads, so no form of the draft
+is None, and every name refers to something.
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ class Subject:
         return self.loaded.spec
 
     def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:
-        """Places of the inputs of a mode, in the order of `Mode.leaves`."""
+        """Places in the file of the inputs of a mode, in the order of `Mode.leaves`."""
         return self.loaded.gates.places[module, mode]
 
     def place(self, *path: str | int) -> Place:
-        """Place of a key or list item, as `place("functions", "elevator", "output")`; of what is left of the path.
+        """Place in the file of a key or list item, such as `place("functions", "elevator", "output")`.
 
-        A field that the file leaves out has the place of the element it belongs to.
+        If the file leaves a field out, the place is that of its element.
         """
         root = self.loaded.draft.root
         place, node = root.place, root

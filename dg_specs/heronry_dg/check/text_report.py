@@ -1,4 +1,4 @@
-"""Findings for people: in full with the source line and a caret, or one line each."""
+"""Reports of findings for people: in full, with the source line and a caret, or in one line each."""
 
 import re
 import unicodedata
@@ -9,7 +9,7 @@ from heronry_dg.check.assess import Assessed
 from heronry_dg.findings import Finding
 from heronry_dg.rules.rule import Severity
 
-_Paint = Callable[[str, str], str]  # a text and the name of its style
+_Paint = Callable[[str, str], str]  # (text, name of its style) -> text with escape codes
 
 _WIDEST_SOURCE: Final = 100  # characters of a source line that are shown
 _WORD: Final = re.compile(r'"(?:[^"\\]|\\.)*"|\'(?:[^\']|\'\')*\'|[^\s,\[\]{}:#]+|.')
@@ -22,24 +22,24 @@ _STYLES: Final[Mapping[str, str]] = {
 
 
 def span_end(line: str, column: int) -> int:
-    """Column behind the word that begins at `column`: a quoted text, a name, or one mark; both count from 1."""
+    """Column behind the quoted text, name or mark that begins at `column`; columns count from 1."""
     match = _WORD.match(line, column - 1)
     return match.end() + 1 if match else column
 
 
 def concise(files: Sequence[Assessed]) -> str:
-    """One line per finding, as `file:line:col: CODE severity: sentence (hint)`."""
+    """Give one line per finding: `file:line:col: CODE severity: sentence (hint)`."""
     return "".join(f"{finding}\n" for assessed in files for finding in assessed.findings)
 
 
 def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
-    """Each finding with its source line, a caret and its hint."""
+    """Give each finding with its source line, a caret and its hint."""
     paint = _painted if colour else _plain
     return "".join(f"{_one(assessed, finding, paint)}\n" for assessed in files for finding in assessed.findings)
 
 
 def summary(files: Sequence[Assessed]) -> str:
-    """The last line of a report for people: how many findings in how many files."""
+    """Give the last line of a report for people: how many findings there are in how many files."""
     findings = [finding for assessed in files for finding in assessed.findings]
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     counts = [(errors, "error"), (len(findings) - errors, "warning")]
@@ -76,7 +76,7 @@ def _one(assessed: Assessed, finding: Finding, paint: _Paint) -> str:
 
 
 def _excerpt(line: str, column: int) -> tuple[str, str]:
-    """What is shown of a source line, and the mark below it; of a long line the part around the place."""
+    """Give a source line as shown, and the line of the caret below it; a long line is cut around the place."""
     begin = max(0, column - 1 - _WIDEST_SOURCE // 2) if len(line) > _WIDEST_SOURCE else 0
     end = min(len(line), begin + _WIDEST_SOURCE)
     cut = "..." if begin else ""
@@ -94,7 +94,7 @@ def _visible(character: str) -> str:
 
 
 def _cells(character: str) -> int:
-    """Columns that a character takes on a terminal."""
+    """Number of columns that a character takes on a terminal."""
     if unicodedata.combining(character):
         return 0
     return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1

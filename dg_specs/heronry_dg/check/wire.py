@@ -1,7 +1,8 @@
-"""DG5xx: what a spec sends on the bus, compared with CANaerospace's list, the identifier plan and arbitration.
+"""DG5xx: compares the frames of a spec with CANaerospace's list, the identifier plan and the rules of arbitration.
 
-The check needs no solver. Which module sends what depends on the plan, so for arbitration everything counts that could
-be on a bus in some configuration, each in its fastest mode. On a bus behind a gateway times count from that bus on.
+The check needs no solver. The plan decides which frames are sent, so for arbitration the check assumes every frame that
+some configuration could put on a bus, each at its fastest rate. On a bus behind a gateway, times count from the
+gateway.
 
 How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
 `check`.
@@ -21,7 +22,7 @@ from heronry_dg.traffic import Hop, criticality_ranks
 from heronry_wire.identifiers import ALLOCATED_DATA_IDS
 from heronry_wire.standard_identifiers import StandardIdentifier, standard_identifier
 
-_SAME_UNIT: Final[Mapping[str, tuple[str, ...]]] = {  # as the list prints it: other spellings of the same
+_SAME_UNIT: Final[Mapping[str, tuple[str, ...]]] = {  # unit in the list: other spellings of the same unit
     "volt": ("V", "volts"),
     "ampere": ("A", "amp", "amperes"),
     "deg": ("°", "degree", "degrees"),
@@ -63,12 +64,12 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def lacks_identifiers(spec: Spec) -> bool:
-    """Tell whether a spec has more (module, variable) pairs than identifiers; nothing on its buses has a rank then."""
+    """Tell whether a spec has more (module, variable) pairs than identifiers; none can be allocated then."""
     return len(_allocated_to(spec)) > len(ALLOCATED_DATA_IDS)
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """(module, variable) pairs for which an identifier is allocated: all but one giver of each standard one."""
+    """(module, variable) pairs that need an allocated identifier: all but the one that holds a standard identifier."""
     standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
     pairs = []
     for pair in spec.sources():
@@ -83,7 +84,7 @@ def _too_many(subject: Subject, findings: Findings) -> None:
     pairs, there_are = _allocated_to(subject.spec), len(ALLOCATED_DATA_IDS)
     module, variable = pairs[there_are]
     sentence = f"{len(pairs)} (module, variable) pairs need an allocated identifier, and there are {there_are}"
-    hint = f"the first one too many is '{variable}' from '{module}'"
+    hint = f"the first pair without an identifier is '{variable}' from '{module}'"
     findings.add(rules.TOO_MANY_SOURCES, subject.place("modules", module), sentence, hint)
 
 
@@ -96,11 +97,11 @@ def _standard_identifiers(subject: Subject, findings: Findings) -> None:
         standard = standard_identifier(variable.identifier)
         if standard is None:
             sentence = f"identifier {variable.identifier} of variable '{name}' is not in CANaerospace's list"
-            findings.add(rules.UNASSIGNED_IDENTIFIER, place, sentence, "leave it out, and one is allocated")
+            findings.add(rules.UNASSIGNED_IDENTIFIER, place, sentence, "leave 'identifier' out: then one is allocated")
             continue
         if standard.byte_2_is_an_index:
-            sentence = f"byte 2 of identifier {standard.can_id} ({standard.name}) is a number, and not the version"
-            hint = f"leave the identifier of '{name}' out, and one is allocated"
+            sentence = f"byte 2 of identifier {standard.can_id} ({standard.name}) is an index, and not the version"
+            hint = f"leave the identifier of '{name}' out: then one is allocated"
             findings.add(rules.BYTE_2_IS_AN_INDEX, place, sentence, hint)
         _type(subject, findings, name, standard)
         _unit(subject, findings, name, standard)
@@ -126,7 +127,7 @@ def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIde
 
 
 def _outranked(subject: Subject, findings: Findings) -> None:
-    """Find data of class A and B that wait too long for less critical data, bus by bus."""
+    """Find, on each bus, data of class A and B that wait too long for less critical data."""
     spec = subject.spec
     times, ranks = ResponseTimes(spec), criticality_ranks(spec)
     for hops in _possible_hops(spec).values():
@@ -160,7 +161,7 @@ def _starved(subject: Subject, findings: Findings, response: Response, level: st
 
 
 def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
-    """By wired bus, every source that some configuration could send there, in its fastest mode."""
+    """Give, for each wired bus, every source that some configuration could send there, in its fastest mode."""
     left = survivors(spec, Situation())
     hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
     readers = _readers(spec)

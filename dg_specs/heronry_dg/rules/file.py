@@ -1,6 +1,6 @@
-"""DG0xx: the file. It can be read, it is plain YAML, and its comments to `heronry check` make sense.
+"""DG0xx: the file. These rules say that it can be read, is plain YAML, and has valid instructions to `heronry check`.
 
-yaml_source.py and plain_scalars.py check them while the file is read, and check/comments.py those of DG09x.
+yaml_source.py and plain_scalars.py check these rules while the file is read, and check/comments.py checks DG09x.
 How a rule is added is shown in rule.py.
 """
 
@@ -11,7 +11,7 @@ from heronry_dg.rules.samples import DISPLAY, DRIVER
 
 FAMILY: Final = Family("DG0", "the file and its YAML", fast=True)
 
-_SURPRISE: Final = "A spec must mean one thing, whichever program reads it; YAML 1.1 and 1.2 read this differently."
+_SURPRISE: Final = "A spec must have one meaning, whichever program reads it; YAML 1.1 and 1.2 read this differently."
 
 UNREADABLE = FAMILY.stop(
     "DG001",
@@ -26,8 +26,8 @@ TOO_LARGE = FAMILY.stop(
     "DG002",
     "file-too-large",
     what="The file is larger than any spec can sensibly be.",
-    why="Specs come from anywhere. What is beyond the limits is refused before it costs time or memory.",
-    fix="A spec is a short text: look for data that was pasted into it, or divide the system into two.",
+    why="Specs come from anywhere. A file beyond the limits is refused before it costs time or memory.",
+    fix="A spec is a short text: look for data that was pasted into it, or divide the system into two specs.",
     bad="(a file with more bytes or values than the limits)",
     good="(a text written by hand)",
 )
@@ -43,8 +43,8 @@ NOT_UTF8 = FAMILY.stop(
 INVISIBLE = FAMILY.stop(
     "DG004",
     "control-character",
-    what="The file holds a control character, or another that YAML does not allow.",
-    why="It cannot be seen in an editor, and can make a terminal show something else than what is there.",
+    what="The file holds a control character, or another character that YAML does not allow.",
+    why="Such a character is invisible in an editor, and can make a terminal show something else than the text.",
     fix="Remove it.",
     bad="name: ba\x07d\n",
     good="name: bad\n",
@@ -54,7 +54,7 @@ SYNTAX = FAMILY.stop(
     "not-yaml",
     what="The file is not YAML.",
     why="A bracket, quote, comma or colon is missing, or lines are indented with tabs.",
-    fix="Look at the place shown, and where the part around it begins.",
+    fix="Look at the place shown, and at the begin of the part around it.",
     bad="contingency: {faults: 1\n",
     good="contingency: {faults: 1}\n",
 )
@@ -62,7 +62,7 @@ EMPTY = FAMILY.stop(
     "DG006",
     "empty-file",
     what="The file is empty, or holds comments alone.",
-    why="It is not a spec, and the program that generated it may have failed.",
+    why="An empty file is not a spec; the program that generated it may have failed.",
     fix="Begin with `dg: 1`.",
     bad="# nothing yet\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
@@ -70,8 +70,8 @@ EMPTY = FAMILY.stop(
 TOO_DEEP = FAMILY.stop(
     "DG007",
     "too-deep",
-    what="Something is nested deeper than any spec needs.",
-    why="A hostile file could exhaust its reader by its depth.",
+    what="A part of the file is nested deeper than any spec needs.",
+    why="A hostile file could exhaust the program that reads it by its depth.",
     fix="Give a part of the expression a name under `gates:`, and use the name.",
     bad=f"contingency: {'[' * 64}{']' * 64}\n",
     good="contingency: {faults: 1}\n",
@@ -80,7 +80,7 @@ DIRECTIVE = FAMILY.stop(
     "DG010",
     "yaml-directive",
     what="The file has a YAML directive, such as %YAML or %TAG.",
-    why="Directives change how the rest is read; a spec reads the same everywhere.",
+    why="Directives change how the rest of the file is read; a spec must be read the same everywhere.",
     fix="Remove the line.",
     bad="%YAML 1.1\n---\ndg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
     good="---\ndg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
@@ -89,7 +89,7 @@ SECOND_DOCUMENT = FAMILY.stop(
     "DG011",
     "second-document",
     what="A second YAML document begins in the file.",
-    why="Many programs read the first one and skip the rest without a message.",
+    why="Many programs read the first document and skip the rest without a message.",
     fix="Write one file per spec, without `---` between parts.",
     bad="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n---\ndg: 1\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
@@ -98,7 +98,7 @@ ALIAS = FAMILY.stop(
     "DG012",
     "yaml-alias",
     what="A value is a YAML alias (`*name`).",
-    why="An alias lets a few lines stand for a huge tree, and a change in one place act in another unseen.",
+    why="A few lines with aliases can stand for a huge tree, and a change in one place has unseen effects elsewhere.",
     fix="Write the value out. For a gate expression that is used again, give it a name under `gates:`.",
     bad="contingency: *other\n",
     good="contingency: {faults: 1}\n",
@@ -125,7 +125,7 @@ DUPLICATE_KEY = FAMILY.stop(
     "DG015",
     "duplicate-key",
     what="A key is given twice in one map.",
-    why="Most readers of YAML keep one of the two without a message, and not all the same one.",
+    why="Most YAML programs keep one of the two without a message, and not all of them keep the same one.",
     fix="Remove one of them, or rename it.",
     bad="contingency: {faults: 1, faults: 2}\n",
     good="contingency: {faults: 2}\n",
@@ -169,7 +169,7 @@ BASE_60 = FAMILY.stop(
 DATE = FAMILY.stop(
     "DG023",
     "date",
-    what="Something that some programs read as a date.",
+    what="A text that some programs read as a date.",
     why=_SURPRISE,
     fix="Put it in quotes.",
     bad="contingency: {faults: 2001-01-01}\n",
@@ -178,8 +178,8 @@ DATE = FAMILY.stop(
 NOT_FINITE = FAMILY.stop(
     "DG024",
     "not-finite",
-    what="An infinite number, or one that is none (.inf, .nan).",
-    why="No quantity of a spec is infinite; what has no bound is left out.",
+    what="A number that is infinite, or not a number (.inf, .nan).",
+    why="No quantity of a spec is infinite; to set no bound, leave the field out.",
     fix="Write a finite number, or leave the field out.",
     bad="buses: {can0: {bitrate: 1000000, rate_per_h: .inf}}\n",
     good="buses: {can0: {bitrate: 1000000, rate_per_h: 0.001}}\n",
@@ -206,8 +206,8 @@ SPECIAL_KEY = FAMILY.stop(
     "DG027",
     "special-key",
     what="One of the special keys of YAML 1.1: `<<` (merge) or `=` (value).",
-    why="Some programs merge another map here, others see a key of that name.",
-    fix="Write out what it stands for.",
+    why="Some programs merge another map here, others read a key of that name.",
+    fix="Write out the map or the value that it stands for.",
     bad="contingency: {<<: {faults: 2}}\n",
     good="contingency: {faults: 2}\n",
 )
@@ -233,7 +233,7 @@ UNUSED_IGNORE = FAMILY.warning(
     "DG092",
     "unused-ignore",
     what="A comment ignores a finding that is not there.",
-    why="The mistake was fixed and the comment forgotten: it would hide the next mistake.",
+    why="The mistake was fixed, and the comment was forgotten: the comment would hide the next mistake.",
     fix="Remove the code from the comment, or the whole comment.",
     bad="variables:\n  speed: {type: FLOAT}  # dg: ignore[DG240] not read yet\n",
     good="variables:\n  speed: {type: FLOAT}\n",
@@ -242,7 +242,7 @@ UNKNOWN_CODE = FAMILY.error(
     "DG093",
     "unknown-code",
     what="A comment names a code that does not exist, or one that cannot be ignored or raised.",
-    why="It has no effect. What stops a spec from being loaded is never ignored, and an error is raised already.",
+    why="The comment has no effect. A finding that stops a spec from being loaded cannot be ignored.",
     fix="`heronry rules` lists the codes.",
     bad="contingency: {faults: 1}  # dg: ignore[DG999] later\n",
     good="contingency: {faults: 1}\n",

@@ -1,4 +1,4 @@
-"""DG2xx: the graph. Names refer to something, gates can hold, and what is declared is used.
+"""DG2xx: the graph. These rules say that names refer to something, gates can hold, and declared elements are used.
 
 expression_reader.py, gate_rules.py and reference_rules.py check the rules that stop a spec from being loaded;
 check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
@@ -26,17 +26,17 @@ _LAMPS: Final = (
 
 
 def _display(needs: str) -> str:
-    """Modules of which `display` has these needs."""
+    """Give modules of which `display` has these needs."""
     return f"modules:\n{DRIVER}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _voter(needs: str) -> str:
-    """The same with two versions of the variable, each from a driver of its own."""
+    """Give the same modules with two versions of the variable, each given by a separate driver."""
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _lamps(first: str, second: str) -> str:
-    """Two modules that may be branches of DEMUX `light`."""
+    """Give two modules that may be branches of DEMUX `light`."""
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
@@ -47,8 +47,8 @@ UNKNOWN_NAME = FAMILY.stop(
     "DG201",
     "unknown-name",
     what="A name refers to nothing.",
-    why="It is misspelt, or what it named was removed or renamed.",
-    fix="Take the name that is suggested, or declare the element.",
+    why="The name is misspelt, or the element was removed or renamed.",
+    fix="Write the suggested name, or declare the element.",
     bad=_display("sped"),
     good=_display("speed"),
 )
@@ -66,7 +66,7 @@ CYCLE = FAMILY.stop(
     "cycle-without-initial",
     what="Modules wait for one another in a circle, and no variable on it has an `initial` value.",
     why="None of them would ever get its first input, so none would ever start.",
-    fix="Give an `initial` value to the variable that may start from one.",
+    fix="Give an `initial` value to a variable from which the modules may start.",
     bad="variables:\n  speed: {type: FLOAT}\n  echo: {type: FLOAT}\n"
     f"modules:\n  driver: {{device: gps, needs: echo, gives: {{speed: 1}}, {RUNS}}}\n"
     f"  display: {{device: lamp, needs: speed, gives: {{echo: 1}}, {RUNS}}}\n",
@@ -77,7 +77,7 @@ CYCLE = FAMILY.stop(
 BAD_K = FAMILY.stop(
     "DG204",
     "k-out-of-range",
-    what="The `k` of an OR is no whole number from 0 to the number of its inputs.",
+    what="The `k` of an OR is not a whole number from 0 to the number of its inputs.",
     why="An OR holds when at least k of its n inputs do: with k above n it never would.",
     fix="Write a k from 0 (all inputs optional) to n (all needed).",
     bad=_voter('{or: {k: 3, of: ["speed@1", "speed@2"]}}'),
@@ -87,7 +87,7 @@ ARITY = FAMILY.stop(
     "DG205",
     "gate-arity",
     what="A gate has too few inputs: an AND or an OR none, a XOR fewer than two.",
-    why="A XOR chooses one of its inputs; of one there is nothing to choose.",
+    why="A XOR chooses one of its inputs; with one input there is nothing to choose.",
     fix="Add inputs, or write the only input without the gate.",
     bad=_display("{xor: [speed]}"),
     good=_display("speed"),
@@ -96,8 +96,8 @@ DEMUX_BRANCHES = FAMILY.stop(
     "DG206",
     "demux-branches",
     what="A DEMUX has fewer than two branches.",
-    why="Its branches are the modules whose `needs` name it, and of them one runs: with one there is no redundancy.",
-    fix="Let a second module name it, or let the only one name the variable itself.",
+    why="Its branches are the modules whose `needs` name it. One of them runs: a single branch is not redundant.",
+    fix="Let a second module name the DEMUX, or let the only branch name the variable itself.",
     bad=_lamps("needs: light", "needs: speed"),
     good=_lamps("needs: light", "needs: light"),
 )
@@ -121,7 +121,7 @@ DEMUX_MISPLACED = FAMILY.stop(
     "DG208",
     "demux-misplaced",
     what="A DEMUX is named below an OR or a XOR, or twice in one mode, or is written without a name.",
-    why="A branch is driven by the DEMUX whenever it runs; an input that may be left out cannot decide that.",
+    why="The DEMUX decides whether a branch runs; an input that may be left out cannot decide that.",
     fix="Name it once per mode, at the root of `needs` or below ANDs alone.",
     bad=_lamps("needs: light", "needs: {or: {k: 1, of: [light]}}"),
     good=_lamps("needs: light", "needs: {and: [light]}"),
@@ -130,7 +130,7 @@ READ_TWICE = FAMILY.stop(
     "DG209",
     "read-twice",
     what="Two inputs of one mode accept the same version of one variable.",
-    why="One producer could be wired to both, and would count twice in a vote.",
+    why="One producer could be wired to both inputs, and would count twice in a vote.",
     fix="Let the inputs accept different versions: `speed@1` and `speed@2`.",
     bad=_voter('{or: {k: 2, of: ["speed@<=2", "speed@2"]}}'),
     good=_voter('{or: {k: 2, of: ["speed@1", "speed@2"]}}'),
@@ -139,7 +139,7 @@ XOR_UNWIRED = FAMILY.stop(
     "DG210",
     "xor-input-holds-unwired",
     what="An input of a XOR holds with nothing wired below it.",
-    why="Exactly one input of a XOR holds; one that always does leaves no choice to the others.",
+    why="Exactly one input of a XOR holds; if one always holds, no other can be chosen.",
     fix="Give the OR below the XOR a `k` of 1 or more.",
     bad=_voter('{xor: ["speed@1", {or: {k: 0, of: ["speed@2"]}}]}'),
     good=_voter('{xor: ["speed@1", {or: {k: 1, of: ["speed@2"]}}]}'),
@@ -147,7 +147,7 @@ XOR_UNWIRED = FAMILY.stop(
 BAD_EXPRESSION = FAMILY.stop(
     "DG211",
     "bad-expression",
-    what="Something is no gate expression: neither a name nor a gate with its inputs.",
+    what="A value is not a gate expression: it is neither a name nor a gate with its inputs.",
     why="Expressions have few forms, so that each has one meaning.",
     fix="Write NAME, NAME@2, NAME@<=2, {and: [...]}, {or: {k: 1, of: [...]}}, {xor: [...]} or "
     "{var: NAME, worth: [...]}.",
@@ -157,9 +157,9 @@ BAD_EXPRESSION = FAMILY.stop(
 UNKNOWN_GATE = FAMILY.stop(
     "DG212",
     "unknown-gate",
-    what="There is no gate of that kind, or it has no such field.",
+    what="There is no gate of that kind, or the gate has no such field.",
     why="Gates are `and`, `or` (with `k` and `of`) and `xor`; a `demux` has a name under `gates:`.",
-    fix="Write one of them. A NOT does not exist: a module cannot wait for the absence of a datum.",
+    fix="Write one of these. There is no NOT: a module cannot wait for the absence of a datum.",
     bad=_display("{nand: [speed]}"),
     good=_display("{and: [speed]}"),
 )
@@ -175,7 +175,7 @@ GATE_VERSION = FAMILY.stop(
 BAD_WORTH = FAMILY.stop(
     "DG214",
     "bad-worth",
-    what="The `worth` of an input is no list of points, one per accepted version or one per version there is.",
+    what="The `worth` of an input is not a list with one number per accepted version, or per version of the variable.",
     why="Points say how much better one version is than another; each version needs its own.",
     fix="List whole numbers from 0 on, best version first.",
     bad=_voter("{var: speed, worth: [30, 20, 10]}"),
@@ -185,7 +185,7 @@ GATE_IN_ITSELF = FAMILY.stop(
     "DG215",
     "gate-in-itself",
     what="A named gate contains itself.",
-    why="Named gates are written out where they are named; this one would never end.",
+    why="A named gate is replaced by its expression wherever it is named; here that would never end.",
     fix="Let one of the gates on the circle name variables alone.",
     bad=f"gates: {{one: {{and: [speed, two]}}, two: one}}\n{_display('one')}",
     good=f"gates: {{one: {{and: [speed]}}, two: one}}\n{_display('two')}",
@@ -194,8 +194,8 @@ GATE_TOO_LARGE = FAMILY.stop(
     "DG216",
     "gate-too-large",
     what="A gate has too many inputs, or is too deep, when named gates are written out.",
-    why="A few named gates that name each other stand for millions of inputs.",
-    fix="Let a module in between give the variable that they are needed for.",
+    why="A few named gates that name each other can stand for millions of inputs.",
+    fix="Let a module in between read some of the inputs, and give one variable for them.",
     bad=f"gates: {{wide: {{or: {{k: 1, of: [{', '.join(['speed'] * 1001)}]}}}}}}\n{_display('speed')}",
     good=f"gates: {{narrow: {{or: {{k: 1, of: [speed]}}}}}}\n{_display('narrow')}",
 )
@@ -203,8 +203,8 @@ NODE_ID_TWICE = FAMILY.stop(
     "DG217",
     "node-id-twice",
     what="Two PEs have the same `node_id`.",
-    why="Identifiers of management frames are made from it: two nodes would send the same one at once.",
-    fix="Give every PE its own, from 92 to 125.",
+    why="The identifiers of management frames follow from the node-ID: two nodes would send under the same identifier.",
+    fix="Give every PE a different `node_id`, from 92 to 125.",
     bad=pes(tail="node_id: 92, buses: [can0]"),
     good=pes(),
 )
@@ -212,8 +212,8 @@ IDENTIFIER_TWICE = FAMILY.stop(
     "DG218",
     "identifier-twice",
     what="Two variables have the same `identifier`.",
-    why="An identifier says on the bus which variable a frame carries.",
-    fix="Leave it out where it needs not be a standard one, and one is allocated.",
+    why="The identifier of a frame tells its receivers which variable it carries.",
+    fix="Leave `identifier` out where it need not be a standard one: then one is allocated.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 315}\n"
     f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
     f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",
@@ -225,7 +225,7 @@ SECOND_ROUTE = FAMILY.stop(
     "DG219",
     "second-route",
     what="The buses of the PEs close a ring: there are two routes between two PEs.",
-    why="Which way data goes, and what a broken bus cuts off, must have one answer. Buses form a forest.",
+    why="The route of data, and what a broken bus cuts off, must be unique. So the buses must form a forest.",
     fix="Take one PE off one of the buses. Against a broken wire, `channels: 2` doubles a bus.",
     bad=_TWO_BUSES + pes("node_id: 92, buses: [can0, can1]", "node_id: 93, buses: [can0, can1]"),
     good=_TWO_BUSES + pes("node_id: 92, buses: [can0, can1]"),
@@ -251,9 +251,9 @@ GATE_AND_VARIABLE = FAMILY.stop(
 BAD_OUTPUT = FAMILY.stop(
     "DG222",
     "bad-output",
-    what="The `output` of a function is a gate that is no DEMUX, or a name that is a module and a DEMUX at once.",
+    what="The `output` of a function is a gate that is not a DEMUX, or a name that both a module and a DEMUX have.",
     why="A function is served when its output module runs, or one branch of its DEMUX.",
-    fix="Name a module or a DEMUX, by a name that only one of them has.",
+    fix="Name a module or a DEMUX, by a name that no other of them has.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: any_speed}}}}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: display}}}}\n",
 )
@@ -261,7 +261,7 @@ RUNS_NOWHERE = FAMILY.stop(
     "DG223",
     "runs-nowhere",
     what="`runs_on` of a module does not allow the PE that its device is bolted to.",
-    why="A module with a device runs where the device is; so it can run nowhere.",
+    why="A module with a device runs on the device's PE; so this module can run nowhere.",
     fix="Leave `runs_on` out: the device decides.",
     bad=f"modules:\n  driver: {{device: gps, runs_on: [tail], gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
     good=f"modules:\n{DRIVER}{DISPLAY}",
@@ -269,7 +269,7 @@ RUNS_NOWHERE = FAMILY.stop(
 VALUE_LENGTH = FAMILY.stop(
     "DG224",
     "value-length",
-    what="The `value` of a function has not one number per mode of its output.",
+    what="The `value` of a function does not have one number per mode of its output.",
     why="Each number says what the function is worth in that mode.",
     fix="List as many numbers as the output has modes (of a DEMUX: as the branch with the most modes), best first.",
     bad="functions: {showing: {output: display, value: [100, 40]}}\n",
@@ -278,20 +278,20 @@ VALUE_LENGTH = FAMILY.stop(
 NOT_A_NUMBER_TO_WATCH = FAMILY.stop(
     "DG225",
     "not-a-number-to-watch",
-    what="A phase watches a variable that is no single number.",
+    what="A phase watches a variable that is not a single number.",
     why="A threshold is compared with one number; a pair or a string has no order.",
     fix="Watch a variable of a numeric type.",
     bad="variables:\n  speed: {type: SHORT2}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
     good="variables:\n  speed: {type: SHORT}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
 )
 
-# The following rules are checked in a spec that loads; those about unused parts only where nothing is missing.
+# These rules are checked in a spec that loads; those about unused parts only if all inputs can be wired.
 
 UNPRODUCED = FAMILY.error(
     "DG230",
     "unproduced-variable",
     what="A module or a phase reads a variable that no module gives.",
-    why="The input will never be wired. Where it is optional this goes unnoticed, and the option is never taken.",
+    why="The input will never be wired. If the input is optional, nobody would notice.",
     fix="Let a module give the variable, or remove the input.",
     bad="variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     f"{_display('{and: [speed, {or: {k: 0, of: [height]}}]}')}",
@@ -304,7 +304,7 @@ UNGIVEN_VERSION = FAMILY.error(
     "ungiven-version",
     what="An input accepts only versions of a variable that no module gives.",
     why="The variable has producers, but none of this quality, so the input will never be wired.",
-    fix="Read a version that is given, or let a module give this one.",
+    fix="Read a version that some module gives, or let a module give this version.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n"
     f"{_display('{and: [speed@1, {or: {k: 0, of: [speed@2]}}]}')}",
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n{_display('speed@1')}",
@@ -313,8 +313,8 @@ NEVER_HOLDS = FAMILY.error(
     "DG232",
     "never-holds",
     what="The `needs` of a mode can never hold, although modules give everything that they read.",
-    why="They exclude themselves: several versions of a variable that only one module gives, in modes of "
-    "which one runs; or data of another branch of the same DEMUX, of which one runs.",
+    why="The inputs exclude each other. Either one module gives several of the versions, each in another mode, and "
+    "runs in one mode at a time; or the data come from another branch of the same DEMUX, of which one runs.",
     fix="Lower `k`, read one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
@@ -327,16 +327,16 @@ UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
     "unused-variable",
     what="A variable is read by no module and watched by no phase.",
-    why="It is a leftover, or its reader names another one. A variable that no module reads is never sent.",
-    fix="Remove it, or read it.",
+    why="The variable is a leftover, or its reader names another one by mistake. It would never be sent.",
+    fix="Remove the variable, or let a module read it.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
 UNUSED_MODULE = FAMILY.echo(
     "DG241",
     "unused-module",
-    what="A module serves no function: nothing that leads to an output ever reads what it gives.",
-    why="No idle module runs, so it never will.",
+    what="A module serves no function: its data never reach an output, directly or through other modules.",
+    why="Only modules that serve a function run, so this module never will.",
     fix="Remove it, make it the output of a function, or let another module read what it gives.",
     bad=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n",
     good=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n"
@@ -345,8 +345,8 @@ UNUSED_MODULE = FAMILY.echo(
 NO_SENSOR = FAMILY.echo(
     "DG242",
     "fed-by-no-device",
-    what="A function is fed by no device: no path leads from a sensor to its output.",
-    why="Its output depends on nothing that is measured or commanded; a driver or its `device` may be missing.",
+    what="No sensor feeds a function: no path leads from a sensor to its output.",
+    why="The output does not depend on any measurement or command; a driver or its `device` may be missing.",
     fix="Put a module with a sensor at the beginning of the graph.",
     bad="devices:\n  lamp: {kind: actuator, pe: tail}\n"
     f"modules:\n  driver: {{gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
@@ -356,8 +356,8 @@ UNUSED_GATE = FAMILY.echo(
     "DG243",
     "unused-gate",
     what="No expression names a named gate.",
-    why="It is a leftover, or an expression names another one by mistake.",
-    fix="Remove it, or name it.",
+    why="The gate is a leftover, or an expression names another gate by mistake.",
+    fix="Remove the gate, or name it in an expression.",
     bad="gates: {any_speed: speed}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",
 )
@@ -365,8 +365,8 @@ UNUSED_DEVICE = FAMILY.echo(
     "DG244",
     "unused-device",
     what="A device is driven by no module.",
-    why="A sensor or an actuator without a driver is a leftover, or its driver is missing.",
-    fix="Remove it, or write the module that drives it.",
+    why="A device without a module is a leftover, or its module is missing.",
+    fix="Remove the device, or write the module that drives it.",
     bad="devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: nav}\n"
     "  lamp: {kind: actuator, pe: tail}\n",
     good="devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n",

@@ -1,12 +1,12 @@
-r"""A rule: one thing that can be wrong with a spec, under a code that never changes its meaning.
+r"""A rule: one kind of mistake in a spec, under a code that never changes its meaning.
 
-A code is `DG` and three digits; the first digit names the family. A code that is no longer used is retired, and never
-given to another rule, since comments and scripts name codes.
+A code is `DG` and three digits, of which the first names the family. The code of a rule that is removed is never used
+for another rule, since comments and scripts name codes.
 
-A rule carries the text of `heronry explain` and of docs/rules.md, and its own proof: `bad` is a spec with the mistake
-and `good` its corrected twin. Both are fragments: their sections replace those of a small sound spec
-(check/examples.py), and the tests check that the one gets this code alone and the other none. An example that cannot be
-printed is described in parentheses, and the tests make it.
+A rule has the texts of `heronry explain` and docs/rules.md, and two examples: `bad` is a spec with the mistake, and
+`good` the corrected spec. Both are fragments, whose sections replace those of a small correct spec (check/examples.py).
+The tests check that `bad` gets this code alone, and `good` no finding. An example that cannot be printed is described
+in parentheses, and the tests build it.
 
 How a rule is added to a family (the family's file says which file checks it):
 
@@ -21,12 +21,13 @@ How a rule is added to a family (the family's file says which file checks it):
     )
 
 A family makes a `warning`, an `echo` (a warning that an error may cause), an `error`, or a `stop` (an error with which
-a spec cannot be loaded). Where it is seen:
+a spec cannot be loaded). The check that finds the mistake calls:
 
     findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
-The sentence describes this one case, with names and numbers; the hint says what to write. Then tests/dg/twins needs two
-whole specs, DG299.bad.yaml and DG299.good.yaml, a line apart; and `heronry rules --docs >docs/rules.md`.
+The sentence describes the case at hand, with names and numbers; the hint says what to write. Then add two whole specs
+to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules --docs
+>docs/rules.md`.
 """
 
 from dataclasses import dataclass, field
@@ -43,10 +44,10 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One thing that can be wrong.
+    """One kind of mistake.
 
-    `stops`: a spec with it cannot be loaded at all, so it is never ignored. `echo`: an error of its family may cause
-    it, so it is reported only where there is none.
+    stops: a spec with this mistake cannot be loaded, so the finding cannot be ignored. echo: an error of the same
+    family may cause this finding, so it is reported only if the family has no error.
     """
 
     code: str
@@ -73,7 +74,7 @@ class Words(TypedDict):
 
 @dataclass(slots=True)
 class Family:
-    """Rules whose codes begin alike; `fast` where they need no solver. A code is taken once."""
+    """Rules whose codes have the same prefix; `fast`: they need no solver. Each code is used once."""
 
     prefix: str
     title: str
@@ -81,11 +82,11 @@ class Family:
     rules: dict[str, Rule] = field(default_factory=dict)
 
     def stop(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add an error that stops a spec from being loaded at all, and so is never ignored."""
+        """Add an error that stops a spec from being loaded, and so cannot be ignored."""
         return self._add(Rule(code, name, Severity.ERROR, stops=True, **words))
 
     def error(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add an error that is checked in a spec that loads."""
+        """Add an error that does not stop a spec from being loaded."""
         return self._add(Rule(code, name, Severity.ERROR, **words))
 
     def warning(self, code: str, name: str, **words: Unpack[Words]) -> Rule:

@@ -1,7 +1,7 @@
-"""DG1xx: one element by itself. Its fields exist, and each has a value that fits.
+"""DG1xx: one element by itself. These rules say that its fields exist, and that each has a value that fits.
 
-draft.py and quantities.py check them, field by field, and reference_rules.py where two fields of one element must fit
-each other. How a rule is added is shown in rule.py.
+draft.py and quantities.py check the fields one by one, and reference_rules.py checks fields of one element that must
+fit each other. How a rule is added is shown in rule.py.
 """
 
 from typing import Final
@@ -11,13 +11,13 @@ from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, pes
 
 FAMILY: Final = Family("DG1", "one element: fields and values", fast=True)
 
-_EXACT: Final = "Quantities are exact whole numbers inside; what would have to be rounded is refused."
+_EXACT: Final = "The model has exact whole numbers; a quantity that would have to be rounded is refused."
 
 NOT_A_MAP = FAMILY.stop(
     "DG101",
     "not-a-map",
     what="A spec, a section or an element is a list or a single value, where `key: value` is expected.",
-    why="Elements are found by name, and fields by theirs.",
+    why="Elements and fields are found by their names.",
     fix="Write `name: {field: value}`, or the fields on lines of their own, indented.",
     bad="devices: [gps, lamp]\n",
     good="devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n",
@@ -27,7 +27,7 @@ UNKNOWN_FIELD = FAMILY.stop(
     "unknown-field",
     what="An element has a field that does not exist.",
     why="A misspelt field would be skipped without a message, and its default would hold.",
-    fix="Take the name that is suggested; `heronry schema` has all fields.",
+    fix="Write the suggested name; `heronry schema` lists all fields.",
     bad="buses: {can0: {bitrate: 1000000, max_laod: 0.5}}\n",
     good="buses: {can0: {bitrate: 1000000, max_load: 0.5}}\n",
 )
@@ -35,8 +35,8 @@ MISSING_FIELD = FAMILY.stop(
     "DG103",
     "missing-field",
     what="An element lacks a field that has no default.",
-    why="No value would be right for every system.",
-    fix="Add the fields that are named.",
+    why="No default would be right for every system.",
+    fix="Add the missing fields.",
     bad="buses: {can0: {}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
 )
@@ -44,8 +44,8 @@ WRONG_TYPE = FAMILY.stop(
     "DG104",
     "wrong-type",
     what="A value is of the wrong kind: text for a number, a number for a list, half of a whole number.",
-    why="Nothing is guessed: `'1'` is text, and 1.5 is no number of channels.",
-    fix="Write what the sentence names.",
+    why="Values are not converted: `'1'` is text, and 1.5 is not a number of channels.",
+    fix="Write a value of the kind that the message names.",
     bad=pes(nav="node_id: 92, buses: can0"),
     good=pes(),
 )
@@ -53,7 +53,7 @@ NOT_A_CHOICE = FAMILY.stop(
     "DG105",
     "not-a-choice",
     what="A value is none of those that the field may have.",
-    why="Each choice means something else; there is no nearest one.",
+    why="Each choice has another meaning, so a wrong one cannot be corrected automatically.",
     fix="Write one of the choices named, in exactly that spelling.",
     bad="functions: {showing: {output: display, criticality: high}}\n",
     good="functions: {showing: {output: display, criticality: E}}\n",
@@ -70,7 +70,7 @@ OUT_OF_RANGE = FAMILY.stop(
 BAD_NAME = FAMILY.stop(
     "DG107",
     "bad-name",
-    what="The name of an element, or of the system, is not one.",
+    what="The name of an element, or of the system, is not a valid name.",
     why="Names become C and DBC identifiers, and stand in gate expressions beside `@` and `<=`.",
     fix="Use a letter, then letters, digits and `_`, at most 64 in all.",
     bad="name: tail-unit\n",
@@ -89,7 +89,7 @@ BAD_TEXT = FAMILY.stop(
     "DG109",
     "bad-text",
     what="A text is empty, longer than 64 characters, or holds quotes, backslashes or control characters.",
-    why="It is written into DBC files and tables, where such text ends something else.",
+    why="The text is written into DBC files and tables, in which these characters have a meaning.",
     fix="Write 1 to 64 printable characters.",
     bad="variables:\n  speed: {type: FLOAT, unit: ''}\n",
     good="variables:\n  speed: {type: FLOAT, unit: m/s}\n",
@@ -97,8 +97,8 @@ BAD_TEXT = FAMILY.stop(
 LISTED_TWICE = FAMILY.stop(
     "DG110",
     "listed-twice",
-    what="A list names the same thing twice.",
-    why="One of the two was meant to be another.",
+    what="A list contains the same name twice.",
+    why="One of the two was probably meant to be another name.",
     fix="Remove one of them, or write the other name.",
     bad="separate: [[driver, display, driver]]\n",
     good="separate: [[driver, display]]\n",
@@ -106,9 +106,9 @@ LISTED_TWICE = FAMILY.stop(
 TOO_FINE = FAMILY.stop(
     "DG111",
     "too-fine",
-    what="A quantity is finer than its unit inside: a thousandth of a core, a millihertz, a byte, a nanosecond.",
+    what="A quantity is finer than its unit in the model: a thousandth of a core, a millihertz, a byte, a nanosecond.",
     why=_EXACT,
-    fix="Round it yourself, in the direction that is safe.",
+    fix="Round the quantity yourself, in the direction that is safe.",
     bad=f"modules:\n{DRIVER.replace('0.1', '0.0005')}{DISPLAY}",
     good=f"modules:\n{DRIVER.replace('0.1', '0.001')}{DISPLAY}",
 )
@@ -116,8 +116,8 @@ WRONG_UNIT = FAMILY.stop(
     "DG112",
     "wrong-unit",
     what="A number carries a unit or a per cent sign, or stands in quotes.",
-    why="The unit is in the field's name (`rate_hz`, `deadline_ms`) or is a share of one; two would have to agree.",
-    fix="Write the bare number in the field's unit: `rate_hz: 10`, `max_load: 0.8`.",
+    why="The field's name gives the unit (`rate_hz`, `deadline_ms`), or the value is a share; a unit could differ.",
+    fix="Write the number alone, in the field's unit: `rate_hz: 10`, `max_load: 0.8`.",
     bad="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20ms}}\n",
     good="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20}}\n",
 )
@@ -135,15 +135,15 @@ NO_DEFAULT = FAMILY.stop(
     "no-default",
     what="A map by phase has no `default`.",
     why="A phase that is added later would have no criticality or priority at all.",
-    fix="Add `default:` with what counts in all phases that are not named.",
+    fix="Add `default:` with the value for all phases that the map does not name.",
     bad="phases: {climb: {}, land: {}}\nfunctions: {showing: {output: display, priority: {land: 5}}}\n",
     good="phases: {climb: {}, land: {}}\nfunctions: {showing: {output: display, priority: {default: 1, land: 5}}}\n",
 )
 MODES_AND_FIELDS = FAMILY.stop(
     "DG115",
     "modes-and-fields",
-    what="A module has `modes`, and a field of a mode of its own.",
-    why="It would be unclear whether the field holds for all modes, or makes one more.",
+    what="A module has `modes`, and also a field that belongs into a mode.",
+    why="It would be unclear whether the field holds for all modes, or describes another mode.",
     fix="Move the field into each of the modes.",
     bad=f"modules:\n{DRIVER}  display:\n    device: lamp\n    needs: speed\n    modes: {{fast: {{{RUNS}}}}}\n",
     good=f"modules:\n{DRIVER}  display:\n    device: lamp\n    modes: {{fast: {{needs: speed, {RUNS}}}}}\n",
@@ -152,7 +152,7 @@ NO_MODE = FAMILY.stop(
     "DG116",
     "no-mode",
     what="A module lists no mode.",
-    why="It could never run.",
+    why="A module runs in one of its modes; without a mode it could never run.",
     fix="Write `modes: {fast: {cpu: ..., ram: ..., rate_hz: ...}}`, or the mode's fields on the module itself.",
     bad=f"modules:\n{DRIVER}  display: {{device: lamp, modes: {{}}}}\n",
     good=f"modules:\n{DRIVER}  display: {{device: lamp, modes: {{fast: {{needs: speed, {RUNS}}}}}}}\n",
@@ -160,9 +160,9 @@ NO_MODE = FAMILY.stop(
 UNKNOWN_TYPE = FAMILY.stop(
     "DG117",
     "unknown-type",
-    what="The type of a variable is none of CANaerospace's data types.",
-    why="The type is a byte on the bus; others must be able to read it.",
-    fix="Write one of them, in capitals: FLOAT, SHORT, UCHAR ...",
+    what="The type of a variable is not a data type of CANaerospace.",
+    why="Every data frame carries the code of its type, and receivers of other makers must know it.",
+    fix="Write a CANaerospace type in capitals: FLOAT, SHORT, UCHAR ...",
     bad="variables:\n  speed: {type: float}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
@@ -170,7 +170,7 @@ BAD_INITIAL = FAMILY.stop(
     "DG118",
     "bad-initial",
     what="The `initial` value of a variable does not fit its type.",
-    why="It is what consumers see before the first frame, so it must be a value that a frame could carry.",
+    why="Consumers get the `initial` value before the first frame, so a frame must be able to carry that value.",
     fix="Write a value that the type takes, or take a type that carries the value.",
     bad="variables:\n  speed: {type: UCHAR, initial: 300}\n",
     good="variables:\n  speed: {type: UCHAR, initial: 200}\n",
@@ -180,7 +180,7 @@ TOO_FAST_A_WIRE = FAMILY.stop(
     "faster-than-can",
     what="A wired bus is faster than CAN: more than 1 000 000 bit/s.",
     why="Response times are computed for classical CAN (ISO 11898-1); CAN FD is not supported.",
-    fix="Write the nominal bit rate. A link that is no cable has `kind: wireless`.",
+    fix="Write the nominal bit rate. For a link without a cable write `kind: wireless`.",
     bad="buses: {can0: {bitrate: 2000000}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
 )
@@ -188,8 +188,8 @@ NOTHING_LEFT = FAMILY.stop(
     "DG120",
     "nothing-left-for-data",
     what="The `reserve` of a bus takes all of its `max_load`.",
-    why="Data may use max_load - reserve of the bit rate, and here that is nothing.",
-    fix="Make `max_load` the larger one; the defaults are 0.8 and 0.1.",
+    why="Data may use max_load - reserve of the bit rate, which is nothing here.",
+    fix="Make `max_load` larger than `reserve`; the defaults are 0.8 and 0.1.",
     bad="buses: {can0: {bitrate: 1000000, max_load: 0.1}}\n",
     good="buses: {can0: {bitrate: 1000000, max_load: 0.2}}\n",
 )
@@ -198,7 +198,7 @@ ONE_THRESHOLD = FAMILY.stop(
     "one-threshold",
     what="A phase's `when` has both `above` and `below`, or neither.",
     why="A phase is entered when one variable crosses one threshold in one direction.",
-    fix="Write one of the two.",
+    fix="Write either `above` or `below`.",
     bad="phases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10, below: 90}}\n",
     good="phases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
 )
@@ -207,7 +207,7 @@ PHASE_NAMED_DEFAULT = FAMILY.stop(
     "phase-named-default",
     what="A phase is named `default`.",
     why="In the maps by phase this name means all phases that are not named.",
-    fix="Give it another name.",
+    fix="Give the phase another name.",
     bad="phases: {default: {}}\n",
     good="phases: {climb: {}}\n",
 )

@@ -1,7 +1,7 @@
-"""DG5xx: the wire. Identifiers mean what CANaerospace says, there are enough of them, and critical data arrive first.
+"""DG5xx: the wire. Identifiers are used as CANaerospace assigns them, they suffice, and critical data arrive first.
 
-check/wire.py checks them in a spec that loads. Two variables under one identifier are DG218, because no spec with
-them can be loaded. How a rule is added is shown in rule.py.
+check/wire.py checks these rules in a spec that loads. Two variables with one identifier are DG218, which stops a spec
+from being loaded. How a rule is added is shown in rule.py.
 """
 
 from typing import Final
@@ -12,13 +12,13 @@ from heronry_dg.rules.samples import RUNS
 FAMILY: Final = Family("DG5", "the wire: identifiers and arbitration", fast=True)
 
 _STANDARD: Final = (
-    "Other people's displays and recorders read a standard identifier by CANaerospace's default list (V1.7, section 5)"
+    "Displays and recorders of other makers read a standard identifier by CANaerospace's default list (V1.7, section 5)"
 )
 _MORE_THAN_THERE_ARE: Final = 222
 
 
 def _many(count: int) -> str:
-    """A driver that gives so many variables, and a display that reads them."""
+    """Give a driver that gives `count` variables, and a display that reads them."""
     names = [f"datum_{number}" for number in range(count)]
     gives = ", ".join(f"{name}: 1" for name in names)
     return (
@@ -29,7 +29,7 @@ def _many(count: int) -> str:
 
 
 def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
-    """A doubled display of class A on a slow bus, and five variables of no importance with these fields."""
+    """Give a doubled display of class A on a slow bus, and five unimportant variables with these fields."""
     rest = "cpu: 0.1, ram: 1KiB, rate_hz: 50"
     return (
         "buses: {can0: {bitrate: 125000, channels: 2, heartbeat_ms: 50}}\n"
@@ -55,7 +55,7 @@ STANDARD_TYPE = FAMILY.error(
     "standard-type",
     what="A variable with a standard identifier has another type than CANaerospace gives that identifier.",
     why=f"{_STANDARD}; they refuse the frame, or show what its bytes happen to mean in the type that they expect.",
-    fix="Take one of the types that are named, or leave `identifier` out, and one is allocated.",
+    fix="Use one of the types that the message names, or leave `identifier` out: then one is allocated.",
     bad="variables:\n  speed: {type: LONG, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
 )
@@ -74,7 +74,7 @@ UNASSIGNED_IDENTIFIER = FAMILY.warning(
     "unassigned-identifier",
     what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
     why="It is reserved, or free for a later edition of the list; a receiver that follows the list does not know it.",
-    fix="Leave `identifier` out, and one is allocated from those that are free.",
+    fix="Leave `identifier` out: then a free one is allocated.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
@@ -103,9 +103,9 @@ STARVED = FAMILY.warning(
     "outranked-on-the-bus",
     what="Less critical data can hold a datum of class A or B back for more than half of its deadline.",
     why="The smaller identifier wins the bus. Allocated identifiers follow criticality; standard ones come before "
-    "all of them, and follow CANaerospace's list. Counted is all that could be sent before the datum, each at its "
-    "fastest; reported is a datum that would arrive within half its deadline, were it not for data of less "
-    "importance. The other half is for frames that are destroyed and sent again, and for what no analysis knows.",
+    "all of them, and follow CANaerospace's list. Counted are all data that could be sent before the datum, at their "
+    "fastest rates; reported is a datum that would arrive within half its deadline without the less critical data. "
+    "The other half of the deadline is a reserve for frames that are destroyed and sent again, and for unknowns.",
     fix="Leave the `identifier` of less critical variables out, lower their rates, or give the datum a standard one.",
     bad=_beside_chatter(
         ", identifier: 320", ", identifier: 321", ", identifier: 322", ", identifier: 323", ", identifier: 324"

@@ -3,17 +3,18 @@
 Its parts decide, each in its own file: which part takes a frame (`inbound`), which commands to accept
 (`command_acceptance`, `mastership`), what to run next (`staging`) and how to get there (`reconfiguration`), what runs
 (`running_modules`), whether exclusive outputs are authorized (`output_authorization`), what to report (`condition`,
-`reporting`, `faults`, `canopen_node`), what to pass on (`gateway`, `radios`) and when (`deadlines`). This file makes
-the parts and sequences them: one event goes to one part, modules that are due are released, state frames that the parts
-have requested follow, and frames to a radio wait for their turn. A frame that no part takes costs one look-up of its
-identifier; a frame with 29 bits, a remote or an error frame reaches no part.
+`reporting`, `faults`, `canopen_node`), what to forward (`gateway`, `radios`) and when to act (`deadlines`). This file
+makes the parts and sequences them: it hands each event to one part, releases the modules that are due, sends the state
+frames that the parts have requested, and lets frames to a radio wait for their turn. A frame that no part takes costs
+one look-up of its identifier; a frame with 29 bits, a remote or an error frame reaches no part.
 
 No input raises, in whatever order it comes: bad bytes are counted (`counts`, by cause and identifier) and change
-nothing. Only a driver whose time goes back gets an exception, and a broken invariant raises one.
+nothing. Exceptions are raised only where a driver's time goes back, or an invariant is broken.
 
-A PE that hears no other node goes on with its modules, without its exclusive outputs (protocol rule 6) and, if the
-spec's policy is `safe_mode`, without its expendable modules (`without_manager`); its state says that it hears no lease.
-Another node with the same node-ID is noted and counted; the driver refuses to start beside one.
+A PE that hears no other node continues to run its modules, but holds back its exclusive outputs (protocol rule 6) and,
+under the policy `safe_mode`, stops its expendable modules (`without_manager`); its state frames report that it hears no
+lease. The agent notes and counts frames of another node with the same node-ID; the driver does not start while it hears
+such a node.
 """
 
 from collections import Counter, deque
@@ -73,10 +74,10 @@ class AgentCore:
     ) -> None:
         """Start unconfigured; the first deadline is now.
 
-        incarnation: 0..255, another one than at the last start of this PE.
+        incarnation: 0..255, different from that of the last start of this PE.
         missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
-        followed: actuators of other PEs whose echoes move the plant here; None: all.
+        followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
         Raises TableError where the table contradicts itself.
         """
         turn, index = Turn(now_ns), TableIndex(table)
@@ -134,12 +135,12 @@ class AgentCore:
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
-        """How many frames and answers were malformed or refused, by cause and identifier (or module)."""
+        """Numbers of malformed or refused frames and answers, by cause and identifier (or module)."""
         return self._turn.counts
 
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that this PE takes now: another object whenever the set has changed.
+        """Every identifier that this PE receives now; a new object whenever the set has changed.
 
         The driver need not hand over frames of other identifiers.
         """
@@ -147,11 +148,14 @@ class AgentCore:
 
     @property
     def radio_ports(self) -> Collection[int]:
-        """Ports to radios: the driver hands over every frame that arrives there, and tells when a frame has `Left`."""
+        """Ports to radios: the driver hands over every frame that arrives on them, and reports each that has `Left`."""
         return self._radios.ports.keys()
 
     def step(self, now_ns: int, event: Event) -> list[Action]:
-        """Take one event; gives the actions to be done, in this order. Raises ValueError where `now_ns` goes back."""
+        """Process one event; gives the actions to execute, in this order.
+
+        Raises ValueError where `now_ns` goes back.
+        """
         turn, inbound, radios = self._turn, self._inbound, self._radios
         out = turn.begin(now_ns)
         if type(event) is Received:
@@ -179,7 +183,7 @@ class AgentCore:
         return radios.passed(out) if radios.ports else out
 
     def next_deadline_ns(self) -> int:
-        """Time in ns at which to call with Tick, if no event comes before."""
+        """Time in ns at which to call `step` with a Tick, if no event comes before."""
         due_ns = self._due_ns
         if due_ns is None:
             due_ns = self._due_ns = self._deadlines.next_ns()
@@ -197,7 +201,7 @@ class AgentCore:
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
     def _take_own(self, event: Event) -> None:
-        """Take an event of this PE itself: time, or an answer of one of its modules."""
+        """Process an event from within this PE: time, or an answer of one of its modules."""
         modules = self.modules
         match event:
             case Tick():
@@ -224,13 +228,13 @@ class AgentCore:
             self.modules.release()
 
     def _images_missing(self, event: ImagesMissing) -> None:
-        """Images are missing: slices that name one are refused from now on."""
+        """Note images that cannot be loaded: from now on, slices that name one are refused."""
         self.staging.reader.missing_images |= event.images
         for image in sorted(event.images):
             self._turn.note("image", f"{image} cannot be run here")
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:
-    """Texts of the notes at boot-up: which PE this is, and which key its commands need."""
+    """Texts of the notes at boot-up: the name of this PE, and the key that its commands need."""
     key = "no key: any node on the bus can command this PE" if secret is None else f"{secret.key!r}"
     return f"PE {table.name} of {table.spec}, node {table.node_id}", key

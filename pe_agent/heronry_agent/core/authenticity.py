@@ -1,33 +1,33 @@
 """Which commands a PE with a key accepts: fresh ones, tagged by a holder of the key (protocol rule 11).
 
-This file stands before every handler of a command. A command is held until its TAG comes, for T_lease at most (on a
-busy computer a manager's frames come far apart); then it is handed on, with the time at which the command itself
-arrived, and where it is forwarded its TAG follows it. A command that was not proven is counted
-(`command_tags.Refusal`), told in page 3 of the state, and changes nothing.
+Every command passes this file before its handler is called. The PE holds a command until its TAG comes, for T_lease at
+most (on a busy computer a manager's frames come far apart). If the TAG is valid, the handler gets the command with the
+time at which the command itself arrived; if the command is forwarded, its TAG follows it. A command without a valid TAG
+changes nothing; it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
 
-A *fresh start*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends
-a nonce (page 2), and a WELCOME whose tag covers that nonce tells it which numbers of that manager's commands come next.
-The PE asks when it hears a manager that has not welcomed it, once in a heartbeat period: after a restart of either
-side, after a takeover by the standby manager, and when it has missed so many commands that no number fits any more and
-T_lease has passed without an accepted command. The WELCOME names a term like any command, and only the active manager
-sends one: from then on commands of the previous manager are refused.
+A *welcome*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
+nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce: it proves which numbers the commands
+of this manager have from then on. The PE sends a nonce, once in a heartbeat period, while it hears a manager that has
+not welcomed it: after a restart of either side, after a takeover by the standby manager, and when the PE has missed so
+many commands that no number fits any more and has accepted no command for T_lease. Only the active manager sends a
+WELCOME. The WELCOME names a term as any command does, so from then on commands of the previous manager are refused.
 
-A *session*. The same WELCOME gives the number under which the states of this PE are tagged from now on: the manager
-chose the number, in this term, and chooses no number twice. A manager of a new term has no session here until it has
-welcomed this PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
+A *session*. The number of the WELCOME also identifies the session under which the states of this PE are tagged from now
+on; a manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed
+the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
 
-An *EMCY* is proven by the next page 0: the tag of the page covers one pending EMCY, in turn where there are several.
-Page 0 goes out immediately when that changes, so this costs no time.
+An *EMCY* is authenticated by the next page 0: the tag of the page covers one pending EMCY; if several are pending, the
+pages cover them in turn. A new EMCY causes an immediate page 0, so authentication costs no time.
 
-A *lock*. NMT commands are refused, and SDO downloads as well, until UNLOCK names this PE, and for no longer than UNLOCK
-says. The bus does not show which node sends an SDO request: the active manager opens the lock and closes it, and a
-table has to be sealed besides (`opened`).
+A *lock*. NMT commands and SDO downloads are refused until the active manager sends UNLOCK to this PE, and again after
+the time that UNLOCK gives. While the lock is open any node can send SDO requests, since the bus does not show their
+sender; so a table has to be sealed as well (`opened`).
 
-Lost: after a lost page 2, WELCOME or TAG the PE asks again with the next command. Late: a nonce serves for T_lease, a
-WELCOME that comes later proves nothing. Doubled: a WELCOME is not above its own number. Forged: counted. After a
-restart all of this begins anew, with nonces that come from another salt.
+If a page 2, a WELCOME or a TAG is lost, the PE sends its nonce again at the manager's next command. A WELCOME that
+comes more than T_lease after the nonce was drawn is refused. So is a doubled WELCOME, whose number is not above the
+last. Forged commands are refused and counted. After a restart all of this begins anew, with nonces from another salt.
 
-A WELCOME for another node cannot be verified here. A gateway passes it on toward that node, with the TAG that follows.
+A gateway cannot verify a WELCOME for another node; it forwards the WELCOME toward that node, with the TAG that follows.
 """
 
 from collections import Counter
@@ -60,7 +60,7 @@ Handler = Callable[[Received], None]
 
 @dataclass(frozen=True, slots=True)
 class Secret:
-    """What the driver gives a PE with a key: `salt` differs at every start, so that nonces cannot be predicted."""
+    """The key of a PE, and a salt that is different at every start, so that nonces cannot be predicted."""
 
     key: Key
     salt: bytes
@@ -80,7 +80,7 @@ class Authenticity:
         pending: Callable[[], Sequence[bytes]],
         secret: Secret,
     ) -> None:
-        """`facts` gives what the state frames tell now, `pending` every EMCY that waits to be acknowledged."""
+        """facts: gives what the state frames report now. pending: gives every EMCY that waits to be acknowledged."""
         self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
@@ -106,7 +106,7 @@ class Authenticity:
     # Commands
 
     def guarded(self, handlers: Iterable[tuple[int, Handler]]) -> Iterator[tuple[int, Handler]]:
-        """Give handlers that verify each command before they call these."""
+        """Wrap handlers of commands: each new handler verifies a command before it calls the old one."""
         for identifier, handler in handlers:
             _, manager, command = classify(identifier)
             assert manager is not None
@@ -117,7 +117,7 @@ class Authenticity:
             yield management_id(manager, Command.TAG), partial(self._tagged, manager)
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
-        """Hold a command until its TAG comes; pass on a WELCOME for a node beyond."""
+        """Hold a command until its TAG comes; a WELCOME for another node is forwarded."""
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
@@ -127,7 +127,7 @@ class Authenticity:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
-        """Text of a table that was sealed with the key of the fleet; None where it was not."""
+        """Give the text of a sealed table; None where the table was not sealed with the key of this fleet."""
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:
@@ -137,7 +137,7 @@ class Authenticity:
         else:
             seconds = min(order.a, LONGEST_UNLOCK_S)
             self._open_until_ns = self._turn.now_ns + seconds * _NS_PER_S
-            self._turn.note("unlock", f"NMT and SDO may write for {seconds} s")
+            self._turn.note("unlock", f"NMT and SDO writes are allowed for {seconds} s")
 
     def _tagged(self, manager: int, event: Received) -> None:
         turn, tag = self._turn, event.frame
@@ -158,7 +158,7 @@ class Authenticity:
                 self._request_welcome()
 
     def _believe(self, manager: int, found: Held, tag: Frame) -> None:
-        """Hand a proven command to its handler; where it is forwarded, its TAG follows."""
+        """Hand a verified command to its handler; if the command is forwarded, its TAG follows it."""
         turn, event = self._turn, found.event
         self._believed_ns = turn.now_ns
         if found.command is Command.CONTROL and is_welcome(event.frame.data):
@@ -176,7 +176,7 @@ class Authenticity:
     # State pages
 
     def _request_welcome(self) -> None:
-        """Ask for a fresh start: send a nonce, unless one was sent within this period."""
+        """Request a WELCOME: send a nonce, unless one was sent within this period."""
         turn = self._turn
         if self._requested_ns is not None and turn.now_ns - self._requested_ns < self._period_ns:
             return
@@ -185,11 +185,11 @@ class Authenticity:
         turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Tag of a page on the uplink; `beat` counts pages 0, and is None for a page 1."""
+        """Give the tag of a page on the uplink; `beat` is the number of a page 0, and None for a page 1."""
         return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
-        """A heartbeat period is over: send the first nonce, and every STATE_PAGE_1_EVERY periods page 3."""
+        """Note the end of a heartbeat period: send the first nonce, and every STATE_PAGE_1_EVERY periods page 3."""
         self._beats += 1
         if self._requested_ns is None:
             self._request_welcome()
@@ -197,10 +197,10 @@ class Authenticity:
             self._tell()
 
     def _tell(self) -> None:
-        """Send page 3: the digest of what runs (a tagged page 0 has no room for it), and counts of refused commands."""
+        """Send page 3: the running digest (a tagged page 0 has no room for it) and the counts of refused commands."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
-        other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of these
+        other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of those
         page = StatePage3(facts.state, facts.flags, facts.digest, unproven % 0x10000, other % 0x10000)
         self._turn.out.append(self._say(page))
 

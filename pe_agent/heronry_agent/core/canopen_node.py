@@ -1,16 +1,17 @@
-"""What a PE is to tools of other makers: a CANopen node (CiA 301) that also answers CANaerospace node services.
+"""A PE as tools of other makers see it: a CANopen node (CiA 301) that also answers CANaerospace node services.
 
 Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_management`), SDO (`sdo_server`, with
 `object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file hands them their frames and
-sends their answers. Nothing of it is needed to fly: other parts decide what a PE runs, and no failure here stops that.
+sends their answers. Nothing of this is needed in flight: other parts decide what a PE runs, and no failure here affects
+them.
 
-SDO and NMT are heard on the uplink alone, as all commands are. With a key, NMT commands and writing by SDO wait for an
-UNLOCK (`authenticity`); a transfer that began before it ran out comes to its end.
+The PE accepts SDO and NMT on the uplink only, like all commands. With a key it refuses NMT commands and SDO writes
+until it is unlocked (`authenticity`); a transfer that began before the lock closed again may be completed.
 
 SDO has a higher priority than some of the data, so its rate is limited. While this PE runs nothing, an upload by block
-takes half of the bus; once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits
-here for its turn: a few may wait, since some need no answer and the next one follows immediately. Further requests of a
-client that does not wait are dropped.
+may take half of the bus; once the PE is configured, its SDO transfers together may take a tenth. A request that comes
+too soon waits for its turn. A few requests may wait, since some need no answer and the next one follows immediately; a
+client that sends more without waiting loses them.
 """
 
 from collections import deque
@@ -32,7 +33,7 @@ from heronry_wire.sdo import MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 _NS_PER_S = 1_000_000_000
-_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # of the bus: SDO takes this part of it
+_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # SDO may take one part in so many of the bus
 _MOST_HELD = 4
 
 
@@ -49,14 +50,14 @@ class CanopenNode:
         objects = PeObjects(parts, self._network, self._services)
         self._frame_ns = worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
         self._sdo = SdoServer(Locked(objects.dictionary(), self._locked), _DESK_SHARE * self._frame_ns)
-        self._held: deque[bytes] = deque()  # requests that wait for their turn
-        self._turn_ns = turn.now_ns  # when the next one has its
+        self._held: deque[bytes] = deque()  # SDO requests that wait for their turn
+        self._turn_ns = turn.now_ns  # when the next one may be served
         self.next_ns = turn.now_ns
         self._sdo_answer_id = sdo_response_id(index.node)
 
     @property
     def booted(self) -> bool:
-        """Tell whether boot-up has been said."""
+        """Tell whether the boot-up frame has been sent."""
         return self._network.booted
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
@@ -91,7 +92,7 @@ class CanopenNode:
         return self._reconfiguration.running.epoch != NO_EPOCH
 
     def _is_managed(self) -> bool:
-        """Tell whether a manager is heard that has not unlocked this PE."""
+        """Tell whether the PE hears a manager and is not unlocked."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
         return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
 
@@ -133,7 +134,7 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer a request and leave the bus free after it: twice the pause, since the request took the bus as well."""
+        """Answer a request, and then leave the bus free for two pauses: one for the request, one for the answer."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns

@@ -1,14 +1,14 @@
-"""What this PE reports of the channels of its replicated buses: which one carries nothing here (protocol rule 8).
+"""Reports of this PE on the channels of its replicated buses: which channel carries nothing here (protocol rule 8).
 
 The driver compares the channels (`ChannelsLost`); this file reports the result to the manager, as EMCY:
 
     lost    CHANNEL_LOST immediately, and again every second for as long as it lasts
     back    CHANNEL_BACK, once
 
-These reports are not acknowledged: the manager takes a channel for well when it has not been reported for a while. So a
-lost CHANNEL_LOST costs one second and a lost CHANNEL_BACK three, a manager that restarts or takes over knows within one
-second, and the reports of a PE that dies expire. No plan changes for such a report, since the bus itself still carries
-frames.
+These reports are not acknowledged: the manager counts a channel as well when no PE has reported it for a while. So a
+lost CHANNEL_LOST delays the manager's knowledge by one second, and a lost CHANNEL_BACK by three. A manager that
+restarts or takes over learns of a lost channel within one second, and the reports of a PE that dies expire. No plan
+changes for such a report, since the bus itself still carries frames.
 """
 
 from heronry_agent.core.table_index import TableIndex
@@ -23,7 +23,7 @@ _NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 gene
 
 
 class ChannelReports:
-    """Reports of one PE; `next_ns` is when to call `tick`."""
+    """The channel reports of one PE; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, turn: Turn, index: TableIndex) -> None:
         self._turn, self._index = turn, index
@@ -32,7 +32,7 @@ class ChannelReports:
         self._lost: set[tuple[int, int]] = set()  # port, channel
 
     def told(self, port: int, lost: frozenset[int]) -> None:
-        """Take from the driver which channels of a port are lost: note it, and report changes to the manager."""
+        """Take the set of lost channels of a port from the driver: note it, and report changes to the manager."""
         self._note(self._index.table.ports[port].bus, lost)
         now_lost = {(port, channel) for channel in lost}
         back = sorted(one for one in self._lost - now_lost if one[0] == port)

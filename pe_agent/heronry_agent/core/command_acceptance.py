@@ -1,16 +1,17 @@
-"""What a PE does with the commands of a manager: whether it accepts them, and which part executes them.
+"""Which commands of a manager a PE accepts, and which part of the agent executes each.
 
-A PE accepts a command that comes from the uplink (no node beyond a gateway can command) and from the active manager,
-which is that of the highest term. SLICE carries no term: the PE accepts it from that manager's node. An accepted
-command is executed and then passed on to the far buses. A refused one is counted, and the PE reports STALE_TERM to a
-deposed manager once, in page 1.
+A PE accepts a command that comes on its uplink (a node beyond a gateway cannot command it) from the active manager,
+which is the manager with the highest term heard. SLICE carries no term: the PE accepts SLICE from that manager's node.
+An accepted command is executed and, on a gateway, forwarded to the far buses. A refused command is counted, and the PE
+reports STALE_TERM once, in page 1, to a manager with an older term.
 
-LEASE and ALIVE come every heartbeat period and mostly repeat the last one, so they have a short way of their own.
+LEASE and ALIVE come every heartbeat period and mostly repeat the last ones, so repetitions are handled separately and
+fast.
 
-Lost: LEASE or the manager's retry repeats the command. Late or doubled: its step is already taken, its epoch old or its
-slice staged, and it changes nothing. After a pause of the process commands are taken in the order in which they
-arrived, each with its time of arrival. Forged: with a key, `authenticity` stands before this file; without one the PE
-executes a forged command.
+If a command is lost, LEASE or the manager's retry repeats it. A late or doubled command changes nothing: its step is
+already taken, its epoch is old, or its slice is staged. After a pause of the process commands are handled in the order
+of their arrival, each with its time of arrival. With a key, `authenticity` refuses forged commands; without a key the
+PE executes them.
 """
 
 from collections.abc import Callable, Iterator
@@ -54,7 +55,7 @@ _BROADCAST = 0
 
 @dataclass
 class CommandAcceptance:
-    """Takes the frames of managers, and has the other parts execute the commands."""
+    """Receives the frames of managers, and has the other parts execute the commands."""
 
     turn: Turn
     index: TableIndex
@@ -66,8 +67,8 @@ class CommandAcceptance:
     gateway: Gateway
     without_manager: WithoutManager
     authenticity: Authenticity | None
-    _settled_lease: bytes | None = None  # last LEASE of the active manager, if all that it says has been done
-    _sends: Slice = field(default_factory=Slice)  # published and forwarded now: at BREAK less than the slice says
+    _settled_lease: bytes | None = None  # last LEASE of the active manager, if the PE has done all that it commands
+    _sends: Slice = field(default_factory=Slice)  # sent and forwarded now; at BREAK less than the slice says
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
         """Give the handler of each management identifier."""
@@ -78,7 +79,7 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether a command is accepted; count, note or report what follows from its term."""
+        """Tell whether a command is accepted; a refusal is counted, and a new term noted."""
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -97,7 +98,7 @@ class CommandAcceptance:
         return False
 
     def _lease(self, manager: int, event: Received) -> None:
-        """LEASE: the manager is active, and every PE should be at this step of this epoch."""
+        """Handle LEASE: the manager is active, and every PE should be at the step and epoch that LEASE names."""
         data = event.frame.data
         settled = data == self._settled_lease and not self.reconfiguration.resting
         if settled and manager == self.mastership.manager and event.port == self.index.uplink:
@@ -120,7 +121,7 @@ class CommandAcceptance:
         self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
 
     def _alive(self, manager: int, event: Received) -> None:
-        """ALIVE: which PEs the manager has available (protocol rule 6)."""
+        """Handle ALIVE, which names the PEs that the manager counts as available (protocol rule 6)."""
         frame = event.frame
         read = read_alive(frame.data, self.index.node)
         if read is None:
@@ -139,7 +140,7 @@ class CommandAcceptance:
         if not self._counts(manager, term, event):
             return
         self._accept(message)
-        if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # which is for this PE alone
+        if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # a WELCOME is not for all
             self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
 
     def _accept(self, message: ManagementMessage) -> None:
@@ -168,14 +169,17 @@ class CommandAcceptance:
                 pass  # for another node, or without effect on a PE
 
     def _prepare(self, command: Prepare) -> None:
-        """Stage an epoch. If it is on board, every PE runs it within two answers: data are held back until then."""
+        """Stage an epoch.
+
+        If it is a contingency on board, hold back data, so that the answers and ACTIVATE pass quickly.
+        """
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
         if self.staging.staged is not before and self.staging.staged.epoch == command.epoch:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take this step of a configuration that is running or staged here; otherwise note that the PE is overtaken."""
+        """Take a step of the configuration that runs or is staged here; if it is another one, this PE is overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
         self.mastership.has_activated |= order.step is Step.GO_ALL

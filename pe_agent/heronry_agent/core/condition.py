@@ -1,10 +1,10 @@
-"""What the state frames of a PE report, and which of them go out before their turn.
+"""What the state frames of a PE report, and which of them it sends immediately instead of at the next period.
 
-`Condition` reads the facts from the parts on demand. On the way it notes changes that no command caused: that a manager
-is heard or not, that exclusive outputs are free or held back.
+`Condition` reads the facts from the parts on demand. It also logs changes that no command caused: whether a manager is
+heard, and whether exclusive outputs are authorized or held back.
 
-`StateReports` sends them: in their turn (`reporting`), and immediately where a part has requested a page in this turn.
-With a key a page 0 also goes out immediately after an EMCY, since its tag proves the EMCY.
+`StateReports` sends the frames: periodically (`reporting`), and immediately where a part has requested a page. With a
+key a page 0 also follows every EMCY immediately, since the tag of the page authenticates the EMCY.
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ class Condition:
     staging: Staging
     reconfiguration: Reconfiguration
     modules: RunningModules
-    _hears_lease: bool = False  # as it was last noted
-    _is_held: bool = False  # the same, of exclusive outputs
+    _hears_lease: bool = False  # as last logged
+    _is_held: bool = False  # exclusive outputs, as last logged
 
     def facts(self) -> Facts:
-        """Give what the state frames report now; note what has changed without a command."""
+        """Give what the state frames report now, and log changes that no command caused."""
         now_ns = self.turn.now_ns
         hears_lease = self.mastership.hears_lease(now_ns)
         held = self.modules.has_exclusive_output and not self.output_authorization.allows(now_ns)
@@ -76,11 +76,11 @@ class StateReports:
     reporting: Reporting
     modules: RunningModules
     authenticity: Authenticity | None
-    _proven_changes: int = 0  # of faults, that a page 0 has gone out for
+    _proven_changes: int = 0  # value of `Faults.changes` at the last page 0
 
     @property
     def next_ns(self) -> int:
-        """When to call `tick`."""
+        """Time in ns at which to call `tick`."""
         return self.reporting.next_ns
 
     def tick(self) -> None:

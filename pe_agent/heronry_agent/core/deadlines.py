@@ -13,7 +13,7 @@ from heronry_agent.core.without_manager import WithoutManager
 
 @dataclass
 class Deadlines:
-    """Deadlines of one PE, but for the steps of its modules, which follow every event, and for its radios.
+    """The deadlines of one PE, except those of its radios; modules that are due are released after every event.
 
     start_notes: texts to note when the PE boots up.
     """

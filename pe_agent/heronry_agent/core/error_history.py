@@ -1,8 +1,8 @@
 """The errors that a PE has reported, newest first: object 1003h of CANopen (CiA 301, 7.5.2.4).
 
-The history holds one number for each new EMCY, none for its repetitions: its code in bits 15..0, the index of the
-element in bits 27..16 and its kind in bits 31..28. The oldest error is dropped when there is no room. A client that
-writes 0 to the number of errors empties the history, and so does a restart.
+The history holds one number for each new EMCY, and none for repetitions: the code of the EMCY in bits 15..0, the index
+of the element in bits 27..16 and the kind of the element in bits 31..28. The oldest error is dropped when there is no
+room. The history is emptied when a client writes 0 to the number of errors, and by a restart.
 """
 
 from collections import deque

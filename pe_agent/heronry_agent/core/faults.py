@@ -1,32 +1,32 @@
-"""What this PE reports until the manager acknowledges it: faults, and requests for a phase (protocol rule 8).
+"""Reports that this PE repeats until the manager acknowledges them: faults, and phase requests (protocol rule 8).
 
-All of this goes out as EMCY. A message is *pending* from the moment of its cause until CONTROL acknowledges it; while
-it is pending it is sent once in a heartbeat period, and the same cause adds nothing.
+Each report is an EMCY. It is *pending* from the moment of its cause until a CONTROL acknowledges it. A pending report
+is sent once in a heartbeat period, and the same cause adds no second one.
 
-    fault           pending until its element is acknowledged. One that is still being reported after that, by a monitor
-                    that runs 40 times a second, stays quiet for a second and is then pending again: the manager may
-                    have cleared the element in the meantime. A fault that was reported stays on record until CONTROL
-                    clears it; then an EMCY with code 0 ends the report, and the fault is reported anew as soon as it is
-                    found.
-    phase request   one at most: a newer one takes its place. The manager acknowledges its number, in the detail, so
-                    that an answer to an older request ends nothing. A repeated request keeps its number: a manager
-                    that knows the number has already executed it
+    fault           pending until its element is acknowledged. If a monitor (which may run 40 times a second) still
+                    finds the fault afterwards, the fault stays quiet for a second and is then pending again, since the
+                    manager may have cleared the element in the meantime. A reported fault stays on record until CONTROL
+                    clears it. Then an EMCY with code 0 ends the report, and the fault is reported anew as soon as it is
+                    found
+    phase request   at most one: a newer request replaces it. The acknowledgement repeats the number of the request, so
+                    that an answer to an older request does not end this one. A repeated request keeps its number, so
+                    that a manager does not execute it twice
 
-A restart of a module is reported the same way, but does not stay on record, and is acknowledged separately from a fault
-of the same module: the module may have been given up since, and the manager must learn that, too. A fault on record is
-reported again to every new active manager, since the previous one may have acknowledged it and died before the standby
-manager knew. But if this PE has heard no other node for a while since the acknowledgement (`tell_all_again`), it may
-have missed the CLEAR, and does not report the fault again, unless it is that of a module which it would run
-(`tell_again`).
+A restart of a module is reported the same way, but does not stay on record. It is acknowledged separately from a fault
+of the same module: if the module is given up after the restart, the manager must learn that too. A fault on record is
+reported again to every new active manager, since the previous manager may have acknowledged the fault and died before
+the standby manager knew. There is one exception: if this PE was cut off from all other nodes after the acknowledgement
+(`tell_all_again`), it may have missed a CLEAR. Then it reports the fault only if the fault is that of a module which it
+would run (`tell_again`).
 
-A fault of an element that may serve a function of class A is flight-critical: a CANaerospace emergency event goes out
-with every EMCY. The event carries code, kind and index: kind and index in one signed byte each, and -1 where a number
-does not fit.
+A fault of an element that may serve a function of class A is flight-critical: with every EMCY of it the PE also sends a
+CANaerospace emergency event. The event carries the code, and kind and index in one signed byte each; -1 stands for a
+number that does not fit.
 
-Lost: an EMCY or an acknowledgement costs a repetition. A lost CLEAR costs a second of quiet, and the fault is reported
-once more to the next active manager: then the operator has to clear it again. Late or doubled frames change nothing.
-After a pause each message that is due is sent once. Forged: an acknowledgement silences a fault for a second. A restart
-empties this record; the manager keeps its own.
+A lost EMCY or acknowledgement causes one more repetition. After a lost CLEAR the fault stays on record, and is reported
+once more to the next active manager: the operator has to clear it again. Late or doubled frames change nothing. After a
+pause each report that is due is sent once. A forged acknowledgement silences a fault for a second. A restart empties
+this record; the manager keeps its own.
 """
 
 from collections.abc import Collection
@@ -50,22 +50,22 @@ class Faults:
     """Pending faults and requests of one PE."""
 
     def __init__(self, node: int, period_ns: int, critical: Collection[tuple[ElementKind, int]] = ()) -> None:
-        """`period_ns` is the heartbeat period of the bus on which EMCY goes out; `critical` are kinds and indices."""
+        """period_ns: heartbeat period of the uplink. critical: kind and index of each flight-critical element."""
         self._node, self._emcy_id = node, emcy_id(node)
         self._period_ns = period_ns
         self._critical = frozenset(critical)
-        self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and the message
+        self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send the EMCY again, and the EMCY
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when found or acknowledged
+        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when last found or acknowledged
         self._requests = self._events = 0
         self._request: Emergency | None = None  # the last request, unless it was withdrawn
-        self.changes = 0  # how often a message has become pending or ceased to be
+        self.changes = 0  # how often a report has become pending or ceased to be
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
 
     @property
     def pending(self) -> bool:
-        """Tell whether some message waits for its acknowledgement."""
+        """Tell whether some report waits for its acknowledgement."""
         return bool(self._pending)
 
     @property
@@ -83,7 +83,7 @@ class Faults:
         return _ERROR_REGISTER if self._told else _NO_ERROR
 
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
-        """Record a fault; gives the frames to send now, none while the fault is pending or quiet."""
+        """Record a fault, and give the frames to send now: none while the fault is already pending, or quiet."""
         key = (code, kind, index)
         if key in self._pending:
             return []
@@ -96,17 +96,20 @@ class Faults:
         return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
-        """Report the fault of an element once more, if it is not cleared; gives the frames to send now."""
+        """Report the fault of an element once more if it is on record; gives the frames to send now."""
         told = self._told.get((kind, index))
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Report again what was found or acknowledged since a time and is not cleared; gives the frames to send now."""
+        """Report again the faults on record that were found or acknowledged after `since_ns`.
+
+        Gives the frames to send now.
+        """
         told = [emergency for emergency, at_ns in self._told.values() if at_ns >= since_ns]
         return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
-        """Request a phase; gives the frames to send now. A request that still waits is withdrawn."""
+        """Request a phase, in place of a request that is still pending; gives the frames to send now."""
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS
         detail = self._requests | (FORWARD_ONLY if forward_only else 0)
@@ -114,7 +117,7 @@ class Faults:
         return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Send the last request again unless withdrawn, with FORWARD_ONLY set; gives the frames to send now."""
+        """Send the last request again with FORWARD_ONLY set, unless it was withdrawn; gives the frames to send now."""
         if self._request is None:
             return []
         return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
@@ -125,7 +128,7 @@ class Faults:
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
-        """Take an acknowledgement of a fault, a restart or a request; tells whether that was pending."""
+        """Take an acknowledgement of a fault, a restart or a request, and tell whether that was pending."""
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + FAULT_QUIET_NS
@@ -145,12 +148,12 @@ class Faults:
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
-        """Give the frames of messages that are due again without an acknowledgement."""
+        """Give the frames of the pending reports that are due again."""
         due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
     def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
-        """Give the frames of a message now, and make it due again in a period."""
+        """Give the frames of a report, and make it due again in a heartbeat period."""
         key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)

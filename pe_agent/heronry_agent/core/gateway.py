@@ -1,23 +1,23 @@
-"""A PE on several buses forwards between them what must pass, and nothing else (protocol rule 9).
+"""The gateway function of a PE on several buses: which frames it forwards from bus to bus (protocol rule 9).
 
-    down, from the uplink   commands that this PE accepts itself. LEASE and ALIVE immediately when their content is
-                            new, else once in the heartbeat period of the far bus; SLICE only toward its node
+    down, from the uplink   commands that this PE itself accepts. LEASE and ALIVE are forwarded immediately when their
+                            content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
     up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
                             reports of gateways there
-    data                    as the slice says: a source, from the node it names, to the ports it names. Where its
-                            module may also run on this side, sending it up is an exclusive output of this PE (protocol
-                            rule 6): a manager that takes this PE for down takes all nodes beyond it for down, and may
-                            have started that module on this side
+    data                    as the slice commands: each source from the node to the ports that the slice names. If the
+                            producing module may also run on this side, forwarding its data up is an exclusive output of
+                            this PE (protocol rule 6): a manager that counts this PE as down counts all nodes beyond it
+                            as down, and may have started that module on this side
 
 Frames to a radio away from the manager go through `radio_port`, which knows its bandwidth.
 
-The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
-has a gateway that forwards nothing.
+The buses form a forest, and no frame is sent back to the bus it came from, so no frame goes in circles. On a PE with
+one bus the gateway forwards nothing.
 
-Lost: what was not forwarded comes again with the next LEASE or retry. Late, doubled, out of order: frames pass as they
-came; the receiver of a command, a state or a datum recognizes what is old. After a pause the frames that waited pass
-immediately, except exclusive ones. After a restart the gateway forwards only states and commands until it has a slice.
-A forged frame passes as a true one would.
+If a command was not forwarded, the next LEASE or retry repeats it. Late, doubled and out-of-order frames are forwarded
+as they come; the receiver of a command, a state or a datum recognizes an old one. After a pause of the process the
+frames that waited are forwarded immediately, except exclusive ones. After a restart the gateway forwards only states
+and commands until it has a slice. A forged frame is forwarded like a true one.
 """
 
 from collections.abc import Callable, Mapping
@@ -52,15 +52,15 @@ class Gateway:
         }
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
-        ] = {}  # what was last sent on a far port, and when it is due again
+        ] = {}  # by far port and command: what was last sent, and when it is due again
         self._table = index.table
         self._contested = index.contested
         self._data: dict[int, tuple[int, int]] = {}
-        self.contested_ids: frozenset[int] = frozenset()  # identifiers forwarded up that are exclusive here
+        self.contested_ids: frozenset[int] = frozenset()  # identifiers of exclusive data that is forwarded up
 
     @property
     def rising_ids(self) -> set[int]:
-        """Identifiers that are forwarded up from some port."""
+        """Identifiers of reports that are forwarded up from some port."""
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
@@ -73,7 +73,7 @@ class Gateway:
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
-        """Forward a command that was accepted; `meaning` are its bytes without those that always change."""
+        """Forward an accepted command; `meaning` is its bytes without those that change with every frame."""
         if command is Command.SLICE:
             return self.toward(slice_node(frame.data), frame)
         if command not in (Command.LEASE, Command.ALIVE):
@@ -81,15 +81,18 @@ class Gateway:
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
 
     def toward(self, node: int, frame: Frame) -> list[Send]:
-        """Forward a frame for one node beyond, only on the port that leads to the node."""
+        """Forward a frame for one node on a far bus, only on the port that leads to the node."""
         return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
-        """Forward a frame in which a node beyond reports on itself."""
+        """Forward a frame in which a node on a far bus reports on itself."""
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
-        """Forward a datum that the slice names; `exclusive_until_ns` tells until when exclusive ones may go up."""
+        """Forward a datum that the slice names.
+
+        `exclusive_until_ns` gives the time until which exclusive data may go up.
+        """
         entry = self._data.get(frame.can_id)
         if entry is None or node_of(frame.data) != entry[0]:
             return []
@@ -106,7 +109,7 @@ class Gateway:
         return frozenset(self._data)
 
     def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:
-        """Tell whether to forward, once a period on the average: a beat that comes a little early is not skipped."""
+        """Tell whether to forward a LEASE or ALIVE: once a period on average, even if it comes a little early."""
         period_ns = self._ports[port].heartbeat_ns
         said, due_ns = self._last.get((port, command), (b"", now_ns))
         if said == meaning and now_ns < due_ns - slack_ns(period_ns):

@@ -1,12 +1,12 @@
 """Which part of the agent takes a frame, by one look-up of its identifier.
 
-Handlers are of two kinds. *Fixed* ones take state frames and echoes of other PEs, commands (behind `authenticity` where
-the PE has a key), the CANopen services, and what comes from beyond a gateway. Those of *data* depend on what the
-configuration has this PE read or forward, and are made anew with each of its steps (`rewire`). A later kind takes the
-place of an earlier one where two want an identifier; this node's own identifiers come last, since a frame under one of
-them is another node with its node-ID.
+There are two kinds of handlers. *Fixed* handlers take state frames and echoes of other PEs, commands (verified by
+`authenticity` first if the PE has a key), the CANopen services, and reports from beyond a gateway. *Data* handlers take
+the data that the configuration has this PE read or forward; they are made anew with each step of a configuration
+(`rewire`). If two handlers claim an identifier, the later one gets it. This node's own identifiers come last: a frame
+under one of them comes from another node with the same node-ID.
 
-*Quiet* are the identifiers whose frames change no deadline and cause no state frame: most frames are of this kind.
+*Quiet* identifiers are those whose frames change no deadline and cause no state frame: this covers most frames.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -49,11 +49,11 @@ class Inbound:
         services: Iterable[tuple[int, Handler]],
         followed: Collection[str] | None,
     ) -> None:
-        """Make the fixed handlers; those of data follow with the first `rewire`.
+        """Make the fixed handlers; the first `rewire` makes the data handlers.
 
         commands: handlers of the frames of managers; services: handlers of CANopen and node services; both by
         identifier.
-        followed: actuators of other PEs whose echoes move the plant here; None: all.
+        followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
         """
         self._turn, self._index = turn, index
         self._output_authorization, self._reconfiguration, self._modules = (
@@ -67,16 +67,16 @@ class Inbound:
         )  # a frame older than this waited while the process did not run
         self._clash_is_noted = False
         self._fixed = self._fixed_handlers(commands, services, followed)
-        self.handlers = self._fixed  # by identifier; another object whenever they have changed
+        self.handlers = self._fixed  # by identifier; a new object whenever they have changed
         self.quiet = self._quiet_ids()
 
     def rewire(self) -> None:
-        """Make handlers for the data that the present configuration has this PE read or forward, and for no others."""
+        """Make the data handlers of the present configuration."""
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
     def withdraw_exclusive(self) -> None:
-        """Withdraw the exclusive frames that wait to be sent: another PE may send under their identifiers by now."""
+        """Withdraw the exclusive frames that wait to be sent, since another PE may now send under their identifiers."""
         self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
 
     def _fixed_handlers(
@@ -121,9 +121,11 @@ class Inbound:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Until when an exclusive frame may go up; None for one that came while this process stood still.
+        """Time in ns until which an exclusive frame may be forwarded up.
 
-        A command that revokes it may wait behind that frame.
+        None if it arrived during a pause of this process.
+
+        After a pause, a command that ends the authorization may still wait behind that frame.
         """
         turn = self._turn
         return (
@@ -134,7 +136,10 @@ class Inbound:
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _state(self, event: Received) -> None:
-        """Take a state frame of another PE: it may show that this PE is overtaken. For speed only the epoch is read."""
+        """Handle a state frame of another PE, which may show that this PE is overtaken.
+
+        Only its epoch is read, for speed.
+        """
         data = event.frame.data
         if len(data) != STATE_BYTES:
             self._turn.count("malformed state", event.frame.can_id)
@@ -149,7 +154,7 @@ class Inbound:
             self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
-        """Take an output echo of another PE: what an actuator was commanded to moves the plant here too."""
+        """Handle an output echo of another PE: hand the actuator's commanded value to the plant of this PE."""
         heard = self._modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))
@@ -165,7 +170,7 @@ class Inbound:
 
 
 def _echo_ids(table: PeTable, followed: Collection[str] | None) -> Collection[int]:
-    """Identifiers under which the PEs of these actuators echo."""
+    """Identifiers of the output echoes of the PEs that have these actuators."""
     if followed is None:
         return ECHO_NODES.keys()
     return {actuator_echo_id(device.node) for device in table.devices if device.name in followed}

@@ -1,25 +1,25 @@
-"""How much of a radio's bandwidth can be used, measured at its gateway: nothing here queries the radio itself.
+"""How much of a radio's bandwidth can be used, measured at its gateway without querying the radio.
 
 Two things can be measured at any CAN interface:
 
-    carried     while a frame of ours is in the controller, the radio is never idle. So the bits that it carried in
-                that time (of our frame, and of all frames heard meanwhile), divided by the time, are what it can
-                carry. A driver that cannot say how long a frame took leaves this out
+    carried     while a frame of this node is in the controller, the radio is never idle. So the bits of that frame, and
+                of all frames heard meanwhile, divided by the time in the controller, are the bit rate that the radio
+                achieves. This is not measured where the driver cannot tell how long a frame took
     delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
 
-The usable share is the product of both. It is taken over the last ten heartbeat periods, and from the last two alone
-where these are worse by half: a late reduction lets a queue grow, an early one does no harm.
+The usable share is the product of both, over the last ten heartbeat periods; if the last two periods are worse by half,
+they alone count. The asymmetry is intended: a late reduction lets a queue grow, an early one does no harm.
 
-An *outage*, silence in both directions, says nothing about the bandwidth before and after it: it counts as one lost
-frame of each sender, and the frame of ours that was stuck in it does not count at all.
+An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
+lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
 
-    gone        no frame was heard for as many periods as may be missed there, and an eighth (so all nodes there are
-                lost together before the first of them is missed by itself); when a frame is heard again, the
+    gone        no frame was heard for as many periods as that bus allows to be missed, and an eighth. So the nodes
+                beyond are lost together, before any one of them is missed by itself. When a frame is heard again, the
                 measurement begins anew
 
-After a reboot beyond a sequence begins anew, and also after ten periods in which a source was not heard while others
-were: its frames may have gone by another route. A frame that comes twice, or late, counts as no loss. A forged state
-looks like loss: that costs the ground bandwidth, and the aircraft nothing.
+A sequence begins anew after a reboot of its sender, and after ten periods in which other sources were heard but not
+this one: its frames may have taken another route. A doubled or late frame is not counted as a loss. A forged state
+frame looks like a loss: that reduces the bandwidth to the ground, and does not affect the aircraft.
 """
 
 from collections import deque
@@ -35,10 +35,10 @@ from heronry_wire.sansio import NEVER_NS
 from heronry_wire.state_frames import page_of, sequence_of
 from heronry_wire.timing import exact_bits
 
-_QUICK_SHARE = 2  # the last periods count alone where they are worse than the window by this factor
+_QUICK_SHARE = 2  # if the last periods are worse than the whole window by this factor, they count alone
 _FEWEST = 8  # frames that must have been due before a share of them means anything
 _NS_PER_S = 1_000_000_000
-_LONGEST_GAP = 64  # a jump of the sequence by more is a new beginning
+_LONGEST_GAP = 64  # a larger jump of a sequence means that the sequence began anew
 _NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.ACTUATOR_ECHO))
 
 
@@ -46,8 +46,8 @@ _NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.ACT
 class _Period:
     """What was counted in one heartbeat period."""
 
-    bits: int = 0  # carried while a frame of ours was in the controller
-    busy_ns: int = 0  # duration of that
+    bits: int = 0  # carried while a frame of this node was in the controller
+    busy_ns: int = 0  # total time of such frames in the controller
     due: int = 0  # frames from beyond that should have come
     came: int = 0
 
@@ -57,7 +57,7 @@ class _Numbered(NamedTuple):
 
     sequence: int
     time_ns: int
-    outages: int  # how many were over when it was heard
+    outages: int  # number of outages that were over by then
 
 
 class LinkMeter:
@@ -71,12 +71,12 @@ class LinkMeter:
         self._window_ns = RADIO_WINDOW_PERIODS * period_ns
         self._heard_ns = now_ns
         self._periods = deque((_Period(),), maxlen=RADIO_WINDOW_PERIODS)
-        self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
+        self._in_flight_bits: int | None = None  # bits heard beside a frame in the controller; None: no such frame
         self._last: dict[tuple[int, int], _Numbered] = {}  # by identifier and sender
         self._outages = 0  # number of outages that are over
 
     def heard(self, frame: Frame, now_ns: int) -> bool:
-        """Take a frame from beyond; tells whether the radio was gone."""
+        """Note a frame from beyond the radio, and tell whether the radio was gone before."""
         was_gone, self.gone = self.gone, False
         if was_gone:
             self._begin_anew()
@@ -88,11 +88,11 @@ class LinkMeter:
         return was_gone
 
     def handed_over(self) -> None:
-        """A frame of ours is in the controller from now on."""
+        """Note that a frame of this node is in the controller from now on."""
         self._in_flight_bits = 0
 
     def left(self, frame: Frame, took_ns: int) -> None:
-        """The frame in the controller has left it after `took_ns`; 0 where the driver cannot tell."""
+        """Note that the frame in the controller has left it after `took_ns`; 0: the driver cannot tell."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if took_ns <= 0 or heard_bits is None:
             return
@@ -101,19 +101,19 @@ class LinkMeter:
             self._periods[-1].busy_ns += took_ns
 
     def stuck(self, took_ns: int) -> None:
-        """The frame in the controller was given up after `took_ns`."""
+        """Note that the frame in the controller was given up after `took_ns`."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
         if heard_bits:
             self._periods[-1].bits += heard_bits
             self._periods[-1].busy_ns += took_ns
 
     def next_period(self) -> None:
-        """A heartbeat period is over."""
+        """Note the end of a heartbeat period."""
         self._periods.append(_Period())
 
     @property
     def gone_ns(self) -> int:
-        """Time in ns at which the radio is gone if no frame is heard before; NEVER_NS where it is gone already."""
+        """Time in ns at which the radio counts as gone if no frame is heard before; NEVER_NS if it is gone already."""
         return NEVER_NS if self.gone else self._heard_ns + self._patience_ns
 
     def usable(self) -> int:
@@ -123,7 +123,7 @@ class LinkMeter:
         return quick if quick * _QUICK_SHARE <= long else long
 
     def delivered_percent(self) -> int:
-        """Share of the frames sent beyond that has arrived, in per cent."""
+        """Share of the frames sent beyond the radio that have arrived here, in per cent."""
         return self._delivered(RADIO_WINDOW_PERIODS) // 10
 
     def _carried(self, periods: int) -> int:
@@ -140,7 +140,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count the frames that are missing before a numbered frame."""
+        """Count the frames that were lost between the last numbered frame of a sender and this one."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

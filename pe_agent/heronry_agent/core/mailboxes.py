@@ -1,14 +1,15 @@
-"""The inputs of the modules: the last datum of every source that is read here, and what a module sees of it.
+"""The inputs of the modules: the last datum of every source that this PE reads, and when a module gets it.
 
-A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. Rewiring keeps a mailbox
-whose origin stays, with what is in it, and empties one whose origin has changed: the last datum of the old producer is
-foreign from then on. A datum from another node, of another type, or without a version never gets in.
+A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. If the origin stays when a
+new slice rewires the mailbox, its datum stays too; if the origin changes, the mailbox is emptied, since a datum of the
+old producer must not be used any more. A datum from another node, of another type, or without a version is refused.
 
-A leaf sees a datum when its version is accepted and it is fresh: no older than three of the longest periods of its
-source. Before the first datum a leaf sees the variable's `initial` value, if it has one (in the best version that the
-leaf accepts): it breaks the cycle of a feedback. Once a datum has come, a datum that is too old counts as absent.
+A leaf gets a datum if the leaf accepts its version and the datum is fresh: no older than three of the longest periods
+of its source. Before the first datum a leaf gets the variable's `initial` value, if there is one, in the best version
+that the leaf accepts; so feedback cycles can start. Once a datum has come, the initial value is not used again: a datum
+that is too old counts as absent.
 
-A value that stays on this PE passes through the same codec as one that travels, so a module sees the same number
+A value that stays on this PE passes through the same codec as a value on a bus, so a module gets the same number
 wherever its producer runs: a FLOAT has single precision everywhere.
 """
 
@@ -32,7 +33,7 @@ class Mailbox:
     __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
 
     def __init__(self, node: int, type_code: int, payload_bytes: int, max_age_ns: int) -> None:
-        """`node` is the node-ID of the producer's PE."""
+        """node: node-ID of the producer's PE."""
         self.node = node
         self._type_code = type_code
         self._length = HEADER_BYTES + payload_bytes
@@ -43,7 +44,10 @@ class Mailbox:
         self._value: Value | None = None
 
     def put(self, data: bytes, now_ns: int) -> bool:
-        """Take the bytes of a data frame; False where node, type, length or status byte is not that of this source."""
+        """Take the bytes of a data frame.
+
+        False where its node, type, length or status byte does not fit this source.
+        """
         if len(data) != self._length:
             return False
         node, type_code, service_code, _ = read_header(data)
@@ -56,7 +60,7 @@ class Mailbox:
         return True
 
     def is_virgin(self) -> bool:
-        """Tell whether no datum has come since the mailbox was wired."""
+        """Tell whether no datum has come since the mailbox was last emptied."""
         return self._time_ns is None
 
     def read(self, best: int, worst: int, now_ns: int) -> Datum | None:
@@ -68,7 +72,7 @@ class Mailbox:
             return None
         if self._value is None:
             value = decode_payload(self._type_code, self._data[HEADER_BYTES:])
-            self._value = 0 if value is None else value  # type NODATA has none
+            self._value = 0 if value is None else value  # type NODATA has no value
         return Datum(self._value, self._status.version, age_ns, self._status.validity in _TRUSTED)
 
 
@@ -83,7 +87,7 @@ class _Wire:
 
 
 class Mailboxes:
-    """Mailboxes of all sources read here, and the wires from them to the leaves."""
+    """Mailboxes of all sources that this PE reads, and the wires from the mailboxes to the leaves."""
 
     def __init__(self, index: TableIndex) -> None:
         self._index = index
@@ -100,7 +104,7 @@ class Mailboxes:
         }
 
     def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
-        """Inputs of a module now: (variable, datum) by leaf path, without absent ones."""
+        """Inputs of a module now: (variable, datum) by leaf path; absent data are left out."""
         seen = {}
         for wire in self._wires[module]:
             datum = wire.box.read(wire.best, wire.worst, now_ns)

@@ -1,17 +1,18 @@
 """Which manager a PE follows: that of the highest term heard (protocol rule 7), and whether its lease still runs.
 
-A term belongs to the manager that was first heard with it: the other manager cannot have the same term, and a command
-of the other one under it is as stale as one with a lower term. The lease is heard as long as a LEASE of the highest
-term came within T_lease. Its loss stops nothing (`keep`); the state frames report it, and the standby manager counts
-those reports. A manager that has just become active does not know what runs, nor which PEs have released their
-exclusive outputs, until a LEASE or ACTIVATE of its term is at the last step (`has_activated`).
+A term belongs to the manager that was first heard with it: two managers never use the same term, so a command of
+another manager under that term is as stale as one with a lower term. The lease is heard as long as a LEASE of the
+highest term came within T_lease. If the lease is lost, modules continue (policy `keep`); the state frames report the
+loss, and the standby manager counts those reports. A manager that has just become active does not know what runs, nor
+which PEs have released their exclusive outputs, until a LEASE or ACTIVATE of its term names the last step
+(`has_activated`).
 
-Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: a LEASE counts from its time of arrival, not
-from when it is read, so that a pause of the process does not prolong a lease; one of a lower term is refused. Forged:
-see `authenticity`.
+Up to four LEASEs in a row may be lost within T_lease. A doubled LEASE has no effect. A late LEASE counts from its time
+of arrival, not from when it is read, so that a pause of the process does not prolong a lease. For forged ones see
+`authenticity`.
 
-The term is kept in memory only. A PE that restarts follows the first manager that it hears: it runs nothing then, and
-the active manager recognizes a configuration of a deposed manager immediately as an unknown epoch.
+The term is kept in memory only. A PE that restarts runs nothing, and follows the first manager that it hears. If that
+manager has been replaced, the active manager sees the configuration that it commands as an unknown epoch, immediately.
 """
 
 from heronry_wire.management import MAX_TERM
@@ -23,7 +24,7 @@ class Mastership:
     """The highest term heard, its manager, and when its last LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:
-        """`lease_ns` is T_lease."""
+        """lease_ns: T_lease, how long one LEASE is valid."""
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
@@ -31,7 +32,7 @@ class Mastership:
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
-        """Tell whether a command of this manager and term is accepted; remembers the term if it is the highest."""
+        """Tell whether a command of this manager and term is accepted, and remember the term if it is the highest."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:
@@ -39,14 +40,14 @@ class Mastership:
         return term == self.term and manager == self.manager
 
     def leased(self, arrived_ns: int) -> None:
-        """Take the time of arrival of an accepted LEASE."""
+        """Note the time of arrival of an accepted LEASE."""
         self._leased_ns = arrived_ns
 
     @property
     def lease_ends_ns(self) -> int:
-        """Time in ns from which on no manager is heard, unless another LEASE comes."""
+        """Time in ns at which the lease ends, unless another LEASE comes."""
         return 0 if self._leased_ns is None else self._leased_ns + self._lease_ns + 1
 
     def hears_lease(self, now_ns: int) -> bool:
-        """Tell whether the lease of the active manager still runs, as heard here."""
+        """Tell whether the last LEASE of the active manager is still valid."""
         return now_ns < self.lease_ends_ns

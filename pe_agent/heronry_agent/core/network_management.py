@@ -5,20 +5,20 @@
     OPERATIONAL       a manager has configured the PE, or NMT commanded start
     STOPPED           NMT commanded stop: the SDO server is silent, everything else goes on
 
-Which node commands. An aircraft must not lose its elevator to two bytes that any node can send. The manager decides
-what a PE runs, by its own protocol; NMT never starts, stops or holds a module, and while a PE is configured, or hears a
-LEASE, it refuses and counts every NMT command. NMT works as CiA 301 says on a PE that runs nothing and hears no
-manager: on a desk. There a stop disables SDO alone, and ends as soon as the PE hears a manager.
+An aircraft must not lose its elevator to two bytes that any node can send. The manager decides what a PE runs, by the
+management protocol; NMT never starts, stops or holds a module. While a PE is configured, or hears a LEASE, it refuses
+and counts every NMT command. NMT works as CiA 301 defines it only on a PE that runs nothing and hears no manager: on a
+desk. There a stop disables only SDO, and ends as soon as the PE hears a manager.
 
-Reset node and reset communication have the same effect, since nothing runs that could be reset: the heartbeat time goes
-back to its value at power-on, the error history and any SDO transfer are dropped, and boot-up is sent again, at most
-once in SHORTEST_HEARTBEAT_MS. The incarnation stays: nothing that a manager relies on was lost.
+Reset node and reset communication have the same effect, since nothing runs that could be reset: the heartbeat time
+returns to its value at power-on, the error history and any SDO transfer are dropped, and boot-up is sent again, at most
+once in SHORTEST_HEARTBEAT_MS. The incarnation does not change, since nothing that a manager relies on is lost.
 
-Lost: the NMT master repeats the command; the heartbeat shows it the effect. Doubled: a second boot-up at most. Forged:
-the same effect as a true command.
+If a command is lost, the NMT master sees no effect in the heartbeat, and repeats the command. A doubled command causes
+a second boot-up at most. A forged command has the effect of a true one.
 
-The heartbeat goes out on every port with the period of object 1017h. It is for CANopen tools: the manager relies on the
-state frames (`reporting`), which nothing here delays or stops.
+The heartbeat is sent on every port with the period of object 1017h. It serves CANopen tools: the manager relies on the
+state frames (`reporting`), which nothing in this file delays or stops.
 """
 
 from collections.abc import Iterable
@@ -51,7 +51,7 @@ class NmtOutcome(Enum):
     NOT_MINE = auto()
     REFUSED = auto()
     ACCEPTED = auto()
-    RESET = auto()  # executed: what CANopen has set on this PE returns to its value at power-on
+    RESET = auto()  # executed: all that CANopen has set on this PE is to return to its value at power-on
 
 
 _COMMANDED = {
@@ -62,10 +62,10 @@ _COMMANDED = {
 
 
 class NetworkManagement:
-    """NMT slave and heartbeat producer of one PE; `next_ns` is when to call `tick`."""
+    """NMT slave and heartbeat producer of one PE; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, node: int, ports: Iterable[int], now_ns: int) -> None:
-        """Boot-up is due now."""
+        """Start in INITIALISING; the boot-up frame is due now."""
         self._node, self._ports = node, tuple(ports)
         self._heartbeat_id = heartbeat_id(node)
         self._commanded = NmtState.PRE_OPERATIONAL
@@ -75,13 +75,13 @@ class NetworkManagement:
         self.next_ns = now_ns
 
     def state(self, *, configured: bool, managed: bool) -> NmtState:
-        """NMT state now; a manager that is heard, or has configured this PE, cancels what NMT commanded before."""
+        """NMT state now; a manager that is heard, or has configured this PE, cancels earlier NMT commands."""
         if configured or managed:
             self._commanded = NmtState.PRE_OPERATIONAL
         return NmtState.OPERATIONAL if configured else self._commanded
 
     def command(self, data: bytes, now_ns: int, *, configured: bool, managed: bool) -> NmtOutcome:
-        """Take the bytes of an NMT command; gives what became of it."""
+        """Take the bytes of an NMT command, and give its outcome."""
         command = decode_command(data)
         if command is None or command.code not in (*_COMMANDED, *_RESETS):
             return NmtOutcome.MALFORMED
@@ -99,7 +99,7 @@ class NetworkManagement:
         return NmtOutcome.RESET
 
     def admits_heartbeat(self, time_ms: int) -> bool:
-        """Tell whether this heartbeat period is allowed; 0 is no heartbeat."""
+        """Tell whether a heartbeat period in ms is allowed; 0 switches the heartbeat off."""
         return time_ms == 0 or SHORTEST_HEARTBEAT_MS <= time_ms <= 0xFFFF
 
     def set_heartbeat(self, time_ms: int, now_ns: int) -> None:

@@ -1,16 +1,17 @@
 """How a PE answers CANaerospace node services: IDS, NSS, TIS and STS on channel 0 (V1.7, p. 10-16).
 
-    IDS  identification    answered: immediately, or after (n - 92) ms if all nodes were asked
-    NSS  time stamp        no answer; the time stamp can be read (object 2022h) and sets no clock: a PE runs by its own
-                           clock, and an unverified time may not change it
-    TIS  set an interval   answered. The one interval that can be set is that of the CANopen heartbeat, within the
-                           limits of object 1017h; the plan sets the rates of data, and anything else is OUT_OF_RANGE
-    STS  transmit status   the answer is the state itself: both pages on every port, at most once in a heartbeat
-                           period, and after (n - 92) ms if all nodes were asked. Data frames keep their schedule
+    IDS  identification    answered: immediately, or after (n - 92) ms if the request was for all nodes
+    NSS  time stamp        no answer. The time stamp can be read (object 2022h), but sets no clock: a PE uses its own
+                           clock, which an unverified time must not change
+    TIS  set an interval   answered. Only the interval of the CANopen heartbeat can be set, within the limits of object
+                           1017h; anything else is OUT_OF_RANGE, since the plan sets the rates of data
+    STS  transmit status   the answer is the state itself: pages 0 and 1 on every port, at most once in a heartbeat
+                           period, and after (n - 92) ms if the request was for all nodes. Data frames keep their
+                           schedule
 
-Other services and other channels are not answered, malformed requests are counted. Lost: the node that needs the answer
-asks again. Doubled: two answers at most. A forged request does what a true one does: that costs a few frames, and never
-an output.
+Other services and other channels are not answered; malformed requests are counted. If a request or an answer is lost,
+the client sends the request again. A doubled request gets two answers at most. A forged request has the effect of a
+true one: it costs a few frames, and never affects an output.
 """
 
 from collections.abc import Callable
@@ -40,13 +41,13 @@ class NodeServices:
     """Answers the node services of one PE."""
 
     def __init__(self, node: int, period_ns: int, network: NetworkManagement) -> None:
-        """`period_ns` is the heartbeat period of the uplink."""
+        """period_ns: heartbeat period of the uplink."""
         self._node, self._period_ns = node, period_ns
         self._network = network
         self._identification = IdentificationService(node)
         self._stated_ns = -period_ns  # when STS was last executed
         self._state_due_ns = NEVER_NS
-        self._time: tuple[int, int] | None = None  # time stamp, and when it came
+        self._time: tuple[int, int] | None = None  # time stamp of the last NSS, and when it came
         self._answers: dict[int, Callable[[int, ServiceMessage, int], list[Send]]] = {
             Service.NSS: self._synchronise,
             Service.TIS: self._set_interval,
@@ -59,7 +60,7 @@ class NodeServices:
         return min(self._identification.next_ns, self._state_due_ns)
 
     def take(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
-        """Take a request; gives the frames to be sent immediately, or why the request is malformed."""
+        """Take a request, and give the frames to send immediately, or why the request is malformed."""
         request = decode_service(frame)
         if isinstance(request, Malformed):
             return request
@@ -72,7 +73,7 @@ class NodeServices:
         return answer_to(port, request, now_ns)
 
     def tick(self, now_ns: int) -> tuple[list[Send], bool]:
-        """Give the answers that are due, and whether to send both pages of the state now."""
+        """Give the answers that are due, and tell whether to send pages 0 and 1 of the state now."""
         is_state_due = now_ns >= self._state_due_ns
         if is_state_due:
             self._state_due_ns, self._stated_ns = NEVER_NS, now_ns

@@ -1,7 +1,7 @@
-"""The nonces of a PE with a key: an answer that covers one is proven to be fresh (protocol rule 11).
+"""The nonces of a PE with a key: an answer whose tag covers a nonce is proven to be fresh (protocol rule 11).
 
-A nonce serves for T_lease; then another is drawn. The salt differs at every start of the agent, so no nonce can be
-predicted, and none comes twice.
+A nonce is valid for T_lease; then a new one is drawn. The salt is different at every start of the agent, so no nonce
+can be predicted, and none is used twice.
 """
 
 from hashlib import blake2s
@@ -15,7 +15,7 @@ class Nonces:
     """Draws the nonces of one PE."""
 
     def __init__(self, salt: bytes, serves_ns: int, now_ns: int) -> None:
-        """`salt` is secret, and differs at every start; `serves_ns`: for how long an answer to a nonce is accepted."""
+        """salt: secret, different at every start. serves_ns: how long an answer to a nonce is accepted."""
         self._salt, self._serves_ns = salt, serves_ns
         self._nonce, self._drawn, self._drawn_ns = NO_NONCE, 0, now_ns
 
@@ -24,7 +24,7 @@ class Nonces:
         return self._nonce if now_ns - self._drawn_ns <= self._serves_ns else NO_NONCE
 
     def to_say(self, now_ns: int) -> int:
-        """Give the nonce to be sent now: the present one while it is good, or a new one."""
+        """Give the nonce to send now: the present one while it is valid, else a new one."""
         if self.good(now_ns) == NO_NONCE:
             self._drawn, self._drawn_ns = self._drawn + 1, now_ns
             digest = blake2s(self._drawn.to_bytes(8), key=self._salt, digest_size=_NONCE_BYTES).digest()

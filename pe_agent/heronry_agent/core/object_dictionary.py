@@ -1,12 +1,12 @@
 """Serves the objects of `canopen_objects`: their values as bytes, and their access rights (CiA 301, 7.4).
 
-The dictionary knows types, lengths and access rights; the caller gives functions for the values, which are called when
-a client reads. A variable without a function, or a function without an object, is an error of the caller and raises
-InvariantError in the constructor: so the table, the EDS and the served objects agree.
+The dictionary checks types, lengths and access rights. The caller gives a function for each value; it is called when a
+client reads the value. If a variable has no function, or a function no object, the constructor raises InvariantError:
+so `canopen_objects`, the EDS and the served objects agree.
 
-An element that an array could have and has not now is NO_DATA. An object that its rights allow to write, and for which
-there is no writer, is UNSUPPORTED. A value is taken as a whole or refused with its reason; no request of a client
-raises an exception.
+An array element that does not exist at present is answered with NO_DATA. A write to an object that may be written, but
+has no writer function, is answered with UNSUPPORTED. A value is written as a whole, or refused with a reason; no
+request of a client raises an exception.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,9 +41,9 @@ class ObjectDictionary:
         bytes_writers: Mapping[Place, BytesWriter],
         takes_bytes: Callable[[], bool],
     ) -> None:
-        """Take functions that read and write the objects; a place is index and sub-index.
+        """Take the functions that read and write the objects; a Place is index and sub-index.
 
-        takes_bytes: tells whether long values are accepted at all, before the first byte of one comes.
+        takes_bytes: tells, before the first byte of a long value comes, whether long values are accepted at all.
         """
         self._node = node
         self._readers, self._arrays = readers, arrays
@@ -56,7 +56,7 @@ class ObjectDictionary:
         require(writers == writable, "writers for objects that are read-only: {}", writers - writable)
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Value of an object."""
+        """Give the bytes of an object's value, or the reason why it cannot be read."""
         variable = self._variable(index, sub_index)
         if isinstance(variable, Abort):
             return variable
@@ -66,7 +66,10 @@ class ObjectDictionary:
         return value if isinstance(value, Abort) else _encode(variable.type, value)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written to an object, or why none may; `length` is what was announced, if it was."""
+        """Give how many bytes may be written to an object, or why none.
+
+        `length`: the announced length, if there is one.
+        """
         variable = self._variable(index, sub_index)
         if isinstance(variable, Abort):
             return variable
@@ -81,7 +84,7 @@ class ObjectDictionary:
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Write a value that `room` has admitted; gives None, or why the value is refused."""
+        """Write a value for which `room` was called before; gives None, or why the value is refused."""
         if (index, sub_index) in self._bytes_writers:
             return self._bytes_writers[index, sub_index](data)
         variable = _ENTRIES[index].variable(sub_index)
@@ -124,17 +127,17 @@ class Locked:
     """An object dictionary that can be read at any time, and written only while it is not locked."""
 
     def __init__(self, objects: ObjectDictionary, is_locked: Callable[[], bool]) -> None:
-        self.read, self.write = objects.read, objects.write  # a download for which there was room may be finished
+        self.read, self.write = objects.read, objects.write  # never locked: a download that `room` admitted may end
         self._room, self._is_locked = objects.room, is_locked
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written to an object."""
+        """As in ObjectDictionary, but refuse every write while the dictionary is locked."""
         room = self._room(index, sub_index, length)
         return Abort.DEVICE_STATE if isinstance(room, int) and self._is_locked() else room
 
 
 def _needed() -> Iterator[Place | int]:
-    """Places whose value needs a function, and indices of arrays."""
+    """Places of values, and indices of arrays, for which the caller has to give a function."""
     for entry in OBJECTS:
         if _is_alive(entry):
             yield entry.index
@@ -154,7 +157,7 @@ def _is_alive(entry: Entry) -> bool:
 
 
 def _encode(kind: Type, value: Value) -> bytes:
-    """Bytes of a value, numbers little-endian; a number beyond the range of its type becomes the largest one."""
+    """Encode a value, numbers little-endian; a number beyond the range of its type becomes the largest of that type."""
     if isinstance(value, int):
         assert kind.length is not None
         return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")

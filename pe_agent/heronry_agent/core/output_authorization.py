@@ -5,39 +5,39 @@ while all four conditions hold. The conditions are checked before every output w
 pause of the process counts:
 
     (a) the last accepted ALIVE names this PE. Before the first ALIVE nothing is authorized: ALIVE follows every LEASE,
-        so a PE that was given a configuration has heard one. A new term does not cancel the last ALIVE of the old
-        term; the first ALIVE of the new term, a period later at most, does;
-    (b) another node was heard within T_lease, by the arrival of its frame: a state frame, LEASE or ALIVE. No other
-        frame counts, because these carry the evidence of (a) and (c): a PE that comes back from a pause must not trust
-        a frame that could not have told it that it was replaced. Only frames on the uplink count: the manager takes a
-        gateway that is cut off from it for down, even if the gateway hears nodes behind itself;
-    (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
-        that says it was activated, or another digest under its own number. The last step of a configuration settles
-        that, taken or named by LEASE: until then the PE that took over while this PE was away may not have released
-        its outputs, even where this PE is given back what it drove before;
-    (d) no other node was heard under this PE's own node-ID within T_lease: the manager may take that node for this
-        one, started anew, and give the outputs of this PE to another. With a key the manager does not, and this PE
-        does not check it.
+    so a PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old
+    term remains valid until the first ALIVE of the new term, a period later at most; (b) a state frame, LEASE or ALIVE
+    of another node has arrived within T_lease. Only these frames count, because they carry the evidence for (a) and
+    (c): a PE that comes back from a pause must not rely on a frame that cannot show that the PE was replaced. Only
+    frames on the uplink count: the manager considers a gateway that is cut off from it as down, even if the gateway
+    hears nodes behind itself; (c) this PE is not overtaken: no state frame, and no LEASE at a step after PREPARED, has
+    named an epoch newer than that of this PE, or another digest under the same epoch number. A PE is overtaken until it
+    takes the last step of a configuration, or LEASE names that step. Before that, a PE that took over in the meantime
+    may not have released its outputs, even if this PE is to drive them again; (d) no frame of another node with this
+    PE's node-ID has arrived within T_lease: the manager may mistake that node for a restart of this PE, and give the
+    outputs of this PE to another PE. With a key the manager cannot make that mistake, and this condition is not
+    checked.
 
-A frame of another node after a silence is not evidence enough. A PE that has restarted runs nothing, and another PE
-that was cut off as well runs what was given to it before: neither frame would show that this PE was replaced. Nor would
-that of a manager that has just become active, and takes every PE that it hears for available. So after a silence that
-was too long for (b) this PE is in *doubt*, and holds its outputs back until an ALIVE names it again, of a manager that
-has brought a configuration to its last step (before that, the PE that took its place may not have released the
-outputs); or, where there is no such manager, until it has heard other nodes for T_lease: the PE that took its place is
-among those, and reports its newer epoch every period.
+After a silence, one frame of another node is not enough evidence. If that node has just restarted, or was cut off as
+well, its frame does not show that this PE was replaced; nor does an ALIVE of a manager that has just become active and
+counts every PE that it hears as available. So after a silence longer than T_lease this PE is in *doubt*, and holds its
+outputs back. The doubt ends when an ALIVE names this PE and comes from a manager that has brought a configuration to
+its last step: before that step, the PE that replaced this one may not have released the outputs. Without such a manager
+the doubt ends when this PE has heard other nodes for T_lease: a PE that replaced it is among them, and reports its
+newer epoch every period.
 
-For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
-does not start at all. A manager that hears nothing of this PE gives its identifiers to another PE after three periods
-and a quarter, and a PE whose connection returns in between must not send under them before it has heard what was
-decided. Where the frames of this PE do not arrive, the manager sends it PING, once in a period: from two periods after
-the first PING on, unless an ALIVE has come a period and an eighth after the last PING, the PE holds these frames back
-as well. When a frame ends (a), (c) or (d), the frames that wait to be sent under these identifiers are withdrawn
-(`revoked`): a PE whose transmission failed has been replaced, and must not send them when it is heard again.
+For the frames of a module that may run elsewhere the limit in (b) is two periods, and a frame that could not start by
+then is dropped. The reason: a manager that does not hear this PE gives its identifiers to another PE after three
+periods and a quarter. A PE whose connection returns in between must not send under these identifiers before it has
+heard the manager's decision. If the manager does not receive the frames of this PE, it sends PING once in a period.
+From two periods after the first PING on, the PE holds these frames back as well, until an ALIVE comes a period and an
+eighth or more after the last PING. When a frame ends (a), (c) or (d), frames that wait under these identifiers are
+withdrawn (`revoked`): a PE whose transmission failed has been replaced, and must not send them when its transmission
+works again.
 
-Lost, late or doubled frames withdraw an authorization at most; they give none. A forged LEASE or state frame can hold
-the outputs back until the next true LEASE, and forged PINGs the frames of modules that may run elsewhere; only a forged
-ALIVE could release them, so the management protocol must be protected.
+A lost, late or doubled frame can only withdraw an authorization, never give one. A forged LEASE or state frame can hold
+the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may run elsewhere.
+Only a forged ALIVE could release outputs, so the management protocol must be protected.
 """
 
 from collections.abc import Callable
@@ -47,21 +47,21 @@ from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 
 
 class OutputAuthorization:
-    """The four conditions of one PE, from the frames that it has heard."""
+    """The four conditions of one PE, computed from the frames that it has received."""
 
     def __init__(self, lease_ns: int) -> None:
-        """`lease_ns` is T_lease, the time within which another node must be heard."""
+        """lease_ns: T_lease, the time within which another node must be heard."""
         self.revoked: Callable[[], None] = _withdraw_nothing  # called when a frame has ended an authorization
         self._lease_ns = lease_ns
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
         self._heard_ns: int | None = None
-        self._hears_since_ns = 0  # when it heard another node again after a silence longer than T_lease, or first
-        self._doubted_ns: int | None = None  # the same, while this PE is in doubt after that silence
-        self._identifiers_doubted_ns: int | None = None  # the same, after a silence longer than two periods
-        self._clashed_ns: int | None = None  # when another node was heard under this one's node-ID
+        self._hears_since_ns = 0  # begin of hearing other nodes, at the start or after a silence longer than T_lease
+        self._doubted_ns: int | None = None  # the same time while this PE is in doubt; None: no doubt
+        self._identifiers_doubted_ns: int | None = None  # the same for frames, after two silent periods
+        self._clashed_ns: int | None = None  # when another node was last heard under this PE's node-ID
         self._overtaken = False
-        self._missed_ns: int | None = None  # time of the first PING, if the manager may not have heard this PE since
+        self._missed_ns: int | None = None  # time of the first PING, while the manager may not hear this PE
         self._pinged_ns = 0  # time of the last PING
 
     def allows(self, now_ns: int) -> bool:
@@ -69,7 +69,7 @@ class OutputAuthorization:
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns until which an exclusive output may be driven if no frame comes; before now: not at all."""
+        """Time in ns until which exclusive outputs may be driven if no frame comes; a time before now: they may not."""
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
@@ -77,7 +77,10 @@ class OutputAuthorization:
         return self._heard_ns + self._lease_ns
 
     def identifiers_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which frames that another PE could send as well may be sent; None: not now."""
+        """Time in ns until which frames of modules that may run elsewhere may be sent.
+
+        None: they may not be sent now.
+        """
         if not self.allows(now_ns) or self._heard_ns is None or not self._is_past(self._identifiers_doubted_ns, now_ns):
             return None
         since_ns = self._heard_ns if self._missed_ns is None else min(self._heard_ns, self._missed_ns)
@@ -85,7 +88,7 @@ class OutputAuthorization:
         return until_ns if now_ns <= until_ns else None
 
     def heard(self, arrived_ns: int) -> None:
-        """Take the time of arrival of a state frame, LEASE or ALIVE on the uplink."""
+        """Note the time of arrival of a state frame, LEASE or ALIVE on the uplink."""
         last_ns = self._heard_ns
         if last_ns is None or arrived_ns > last_ns:
             self._heard_ns = arrived_ns
@@ -95,14 +98,17 @@ class OutputAuthorization:
                     self._doubted_ns = self._hears_since_ns = arrived_ns
 
     def hears_since_ns(self, arrived_ns: int) -> int:
-        """Time in ns at which the last silence longer than T_lease ended: now, where the present frame ends it."""
+        """Time in ns at which the last silence longer than T_lease ended.
+
+        `arrived_ns` where the present frame ends it.
+        """
         is_silent = self._heard_ns is None or arrived_ns - self._heard_ns > self._lease_ns
         return arrived_ns if is_silent else self._hears_since_ns
 
     def named(self, is_named: bool, arrived_ns: int, *, has_activated: bool) -> None:
-        """Take an ALIVE of the active manager, which names this PE as available or not.
+        """Note an ALIVE of the active manager, and whether it names this PE as available.
 
-        has_activated: this manager has brought a configuration to its last step.
+        has_activated: whether this manager has brought a configuration to its last step.
         """
         self.heard(arrived_ns)
         if arrived_ns - self._pinged_ns >= self._identifier_ns * 9 // 16:
@@ -114,32 +120,35 @@ class OutputAuthorization:
             self.revoked()
 
     def pinged(self, arrived_ns: int) -> None:
-        """Take a PING of the manager for this PE: the manager has missed a state frame."""
+        """Note a PING for this PE, which shows that the manager has missed a state frame."""
         self._pinged_ns = arrived_ns
         if self._missed_ns is None:
             self._missed_ns = arrived_ns
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
-        """Tell whether there is no doubt, or no more."""
+        """Tell whether a doubt that began at `doubted_ns` is over; None: there is no doubt."""
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def clashed(self, arrived_ns: int) -> None:
-        """Take a frame of another node with this PE's node-ID."""
+        """Note a frame of another node with this PE's node-ID."""
         was_clashed, self._clashed_ns = not self._is_past(self._clashed_ns, arrived_ns), arrived_ns
         if not was_clashed:
             self.revoked()
 
     def saw_epoch(self, epoch: int, running: int) -> None:
-        """Take an epoch that another node runs or a manager has activated; one above `running` overtakes this PE."""
+        """Note an epoch that another node runs or a manager has activated.
+
+        If it is newer than `running`, this PE is overtaken.
+        """
         if is_newer(epoch, running):
             self._overtake()
 
     def contradicted(self) -> None:
-        """The manager's epoch has the number of this PE's epoch and is another configuration: this PE is overtaken."""
+        """Note that the manager runs another configuration under this PE's epoch number: this PE is overtaken."""
         self._overtake()
 
     def confirmed(self) -> None:
-        """The last step of a configuration was taken, or named by LEASE again: this PE is not overtaken any more."""
+        """Note that the last step was taken, or that LEASE has named it again: this PE is not overtaken any more."""
         self._overtaken = False
 
     def _overtake(self) -> None:
@@ -149,4 +158,4 @@ class OutputAuthorization:
 
 
 def _withdraw_nothing() -> None:
-    """Do nothing: before the agent is complete no frame waits."""
+    """Do nothing: while the agent is being built no frame waits."""

@@ -1,7 +1,7 @@
-"""WELCOMEs for nodes beyond a gateway with a key: it cannot verify them, and forwards each with the TAG that follows.
+"""How a gateway with a key forwards WELCOMEs for other nodes: it cannot verify them, and adds the TAG that follows.
 
-A TAG names no command but its kind, so the first TAG of a WELCOME's kind that proves nothing here belongs to the first
-WELCOME that was forwarded. A WELCOME whose TAG does not come within T_lease is dropped from the list.
+A TAG names only the kind of its command. So the first TAG for a WELCOME that fits no command of this node belongs to
+the first WELCOME that was forwarded. A WELCOME whose TAG does not come within T_lease is dropped from the list.
 """
 
 from collections import deque
@@ -14,11 +14,11 @@ _MOST = 40
 
 
 class PassingWelcomes:
-    """WELCOMEs that have been forwarded without their TAG so far."""
+    """The WELCOMEs that have been forwarded and whose TAG has not come."""
 
     def __init__(self, turn: Turn, gateway: Gateway, lease_ns: int) -> None:
         self._turn, self._gateway, self._lease_ns = turn, gateway, lease_ns
-        self._nodes: deque[tuple[int, int]] = deque(maxlen=_MOST)  # node, when it came
+        self._nodes: deque[tuple[int, int]] = deque(maxlen=_MOST)  # node, time of the WELCOME
 
     def hand_on(self, node: int, welcome: Frame) -> None:
         """Forward a WELCOME toward its node."""
@@ -32,7 +32,7 @@ class PassingWelcomes:
         return bool(self._nodes)
 
     def tagged(self, tag: Frame) -> None:
-        """Forward the TAG toward the node of the first WELCOME."""
+        """Forward a TAG toward the node of the first WELCOME in the list."""
         node, _ = self._nodes.popleft()
         self._turn.count("answer to another node", tag.can_id)
         self._turn.out += self._gateway.toward(node, tag)

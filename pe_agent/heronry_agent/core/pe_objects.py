@@ -1,10 +1,10 @@
 """The values of the CANopen objects of a PE, read from the parts of its agent when a client reads them.
 
-No value is stored or computed in advance, except the two long texts: the EDS and the table are made when a client first
-reads them. Two numbers can be written: the heartbeat time, and 0 to the number of errors, which empties the list. A
-tool may write the present table once more, to make sure of it. Any other table is taken by a PE that waits for one
-(`table_waiting`), and refused by a PE that has one. With a key the lock must be open for any download, and a table must
-be sealed. A PE that is configured takes no table: so many bytes must not load the bus then.
+Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
+each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
+client can also write a table. A PE that waits for a table (`table_waiting`) takes any that fits; a PE that has a table
+accepts only the same one again, and a configured PE none, since so many bytes must not load its bus. With a key the
+lock must be open for any download, and a table must be sealed.
 """
 
 from collections.abc import Callable
@@ -50,11 +50,11 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Parts of an agent from which the objects are read.
+    """The parts of an agent from which `PeObjects` reads its values.
 
     facts: gives what the state frames report now.
-    take_table: takes another table than the present one, or gives an abort code; None where no other is taken.
-    authenticity: the lock on NMT and on writing, and what opens a sealed table; None without a key.
+    take_table: accepts a table that differs from the present one, or gives an abort code; None: no other is accepted.
+    authenticity: has the lock on NMT and SDO writes, and opens sealed tables; None without a key.
     """
 
     turn: Turn
@@ -69,7 +69,7 @@ class Parts:
 
 
 class PeObjects:
-    """Reads the objects of one PE."""
+    """Gives the values of the CANopen objects of one PE."""
 
     def __init__(self, parts: Parts, network: NetworkManagement, services: NodeServices) -> None:
         self._parts, self._network, self._services = parts, network, services
@@ -112,7 +112,7 @@ class PeObjects:
         )
 
     def _state(self, number: int) -> int:
-        """Give a sub-index of object 2000h."""
+        """Give the value at a sub-index of object 2000h, the state of the PE."""
         facts, running = self._parts.facts(), self._parts.reconfiguration.running
         return (
             facts.state,

@@ -1,24 +1,25 @@
-"""Which mission phase this PE requests: a module requests one, or a value that it gives satisfies a phase's rule.
+"""Which mission phase this PE requests: a module requests a phase, or a value satisfies the `when` rule of a phase.
 
-A rule is checked where its variable is made: on the PE that runs a module which gives the variable, at every value that
-this module gives. So it needs no frame on any bus, even where no other module reads the variable. It does not work
-while no module that gives the variable runs.
+A rule is checked on the PE that runs a module which gives the rule's variable, at every value that this module gives.
+So a rule needs no frame on any bus, even if no other module reads the variable; and it cannot fire while no module that
+gives the variable runs.
 
-    armed     the value is not beyond the threshold, or has not been for `hold_ns` without a break yet
-    fired     it has been: the phase was requested, once. Armed again when the value has been back for `hold_ns`
+    armed     the value has not been beyond the threshold for `hold_ns` without a break
+    fired     the value has been beyond it for that time, and the phase was requested once. The rule is armed again when
+              the value has been back for `hold_ns`
 
-A break is a value on the other side, or none for three periods. Of several rules that fire at one value, the last phase
-in the spec's order is requested. A rule only leads forward, to a later phase of the spec; a module may request any
-phase.
+A break is a value on the other side of the threshold, or three periods without a value. If several rules fire at one
+value, the last phase in the spec's order is requested. A rule only leads forward, to a later phase of the spec; a
+module may request any phase.
 
-A module that requests the same phase in every step makes one request. Its last request stands until it requests another
-phase, or stops; the last standing request of this PE is sent again when a new term begins, with its number and forward
-only, because that manager may not know it. A manager that knows the number has already executed it.
+A module that requests the same phase in every step makes one request. A request stands until its module requests
+another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
+not know it: with the same number, so that a manager does not execute it twice, and forward only.
 
-`faults` and the manager handle a request that is lost, late, doubled or forged. A pause of the process is a break of
-the value like any other. A module that starts here, because another PE has failed, begins with every rule armed: a rule
-whose condition holds fires again, and since it only leads forward, that changes nothing except a phase that an operator
-has turned back. A restart is the same.
+`faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
+A module that starts here, because another PE has failed or this PE has restarted, begins with every rule armed: a rule
+whose condition holds fires again. Since rules only lead forward, this has an effect only if an operator has gone back
+to an earlier phase.
 """
 
 from dataclasses import dataclass
@@ -35,17 +36,17 @@ _LONGEST_BREAK_PERIODS = 3
 
 @dataclass(slots=True)
 class _Watch:
-    """One rule, at one module."""
+    """One rule, applied to the values of one module."""
 
     phase: int
     rule: PhaseEntry
     longest_break_ns: int
     armed: bool = True
-    since_ns: int | None = None  # since when the value has been where it must be for the next change
+    since_ns: int | None = None  # since when the value has been on the side that the next change of state needs
     seen_ns: int = 0
 
     def see(self, value: float, now_ns: int) -> bool:
-        """Take a value at a time in ns; tells whether the rule fires."""
+        """Take a value at a time in ns, and tell whether the rule fires."""
         if now_ns - self.seen_ns > self.longest_break_ns:
             self.since_ns = None
         self.seen_ns = now_ns
@@ -71,10 +72,10 @@ class PhaseRequests:
         self._index, self._faults = index, faults
         self._watches: dict[int, dict[str, list[_Watch]]] = {}  # by module and variable
         self._requested: dict[int, int] = {}  # phase that each module requested last
-        self._standing: int | None = None  # module that made the last request of this PE
+        self._standing: int | None = None  # module whose request is the last one of this PE
 
     def started(self, module: int, mode: int) -> None:
-        """A module starts: watch the variables of phase rules that it gives."""
+        """Note that a module starts, and watch those of its variables that phase rules name."""
         entry = self._index.modules[module].modes[mode]
         longest_break_ns = _LONGEST_BREAK_PERIODS * NS_MHZ // entry.rate_mhz
         watches: dict[str, list[_Watch]] = {}
@@ -84,7 +85,7 @@ class PhaseRequests:
         self._watches[module] = watches
 
     def stopped(self, module: int) -> None:
-        """A module stops: withdraw its request."""
+        """Note that a module stops, and withdraw its request."""
         self._watches.pop(module, None)
         self._requested.pop(module, None)
         if self._standing == module:
@@ -107,9 +108,9 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, forward_only=False)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """A new term has begun; gives the frames to send now: the last acknowledged request, forward only.
+        """Note a new term, and give the frames to send now: the last acknowledged request, forward only.
 
-        A request that is still pending is repeated unchanged, as it was made.
+        A request that is still pending is repeated by `Faults`, unchanged.
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

@@ -1,19 +1,19 @@
-"""The data frames of this PE: the outputs of its modules, and the values to which its actuators were commanded.
+"""The data frames of this PE: outputs of its modules, and echoes of the values that it commanded its actuators to.
 
-Every identifier has its own message code, incremented with each frame that is sent. The slice says which frames go out,
-and protocol rule 6 may forbid them; this file only makes them. The output echo is for an observer: it shows on the bus,
-with a lower priority than all data, what an output does, and a plant follows it.
+Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames: the
+slice decides which ones are sent, and protocol rule 6 may forbid them. The output echo serves observers, and plants
+follow it: it shows on the bus, with a lower priority than all data, what an output does.
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
-For a module that serves a function but drives no actuator, or writes to its actuator what is not a number (text on a
-display), a frame under the same identifier shows that it runs:
+If a module serves a function, but drives no actuator or writes something other than a number to it (text on a display),
+another frame under the same identifier shows that the module runs:
 
     byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
 
-Both frames have 8 bytes: in a DBC a frame has one length.
+Both frames have 8 bytes, since a DBC gives a frame one length.
 
-A value that its type cannot carry raises WireError: the module that gave the value has failed.
+A value that the variable's type cannot carry raises WireError; the caller then counts the module as failed.
 """
 
 from collections import defaultdict
@@ -36,7 +36,7 @@ class Publisher:
         self._codes: defaultdict[int, int] = defaultdict(int)
 
     def datum(self, source: int, version: int, value: Value) -> Frame:
-        """Frame of a source, with the message code that comes next; raises WireError."""
+        """Make the frame of a source, with the next message code; raises WireError for a value that does not fit."""
         data_type = self._index.types[source]
         identifier = self._index.table.sources[source].identifier
         carried = None if data_type is DataType.NODATA else value
@@ -44,15 +44,15 @@ class Publisher:
         return encode_data(identifier, datum)
 
     def sent(self, frame: Frame) -> None:
-        """A data frame goes out: increment the message code of its identifier."""
+        """Note that a data frame is sent: increment the message code of its identifier."""
         self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
 
     def output_echo(self, module: int, mode: int) -> Frame:
-        """Echo of a step of an output that commands no actuator to a number."""
+        """Make the echo of a step of an output module that does not command an actuator to a number."""
         return self._own_echo(DataType.ULONG, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
-        """Echo of a value written to a device; None where the value is not a number that a frame can carry."""
+        """Make the echo of a value written to a device; None where the value is not a number that a frame can carry."""
         position = self._index.device_index.get(device)
         if position is None or position > 255 or not isinstance(value, (int, float)):
             return None
@@ -69,7 +69,10 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Read another PE's echo: device and value; None where the frame is not an echo of a device of that PE."""
+        """Decode another PE's echo into device and value.
+
+        None where the frame is not an echo of a device of that PE.
+        """
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

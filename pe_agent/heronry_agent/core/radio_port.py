@@ -1,14 +1,15 @@
-"""A gateway's port to a radio: every frame to the radio passes here, one at a time (protocol rule 9).
+"""A gateway's port to a radio, which sends the frames to that radio one at a time (protocol rule 9).
 
-Frames wait in `radio_queue`, and the next one is handed to the controller when the last one has left it (`Left`): so
-more urgent and newer frames overtake until the last moment, and the time that a frame takes can be measured. From these
-times `link_meter` finds how much of the bandwidth is usable. The queue sends at that rate plus a tenth, since a small
-error of the measurement must not starve data that the plan routes. The usable bandwidth is reported to the manager as
-well, once in a heartbeat period of the radio, and immediately when the radio is gone or back.
+Frames wait in `radio_queue`. The next frame is handed to the controller only when the last one has left it (`Left`): so
+more urgent and newer frames can overtake until the last moment, and the time that a frame takes can be measured. From
+these times `link_meter` computes the usable bandwidth. The queue sends at that rate plus a tenth, so that a small error
+of the measurement does not starve data that the plan routes over the radio. The port also reports the usable bandwidth
+to the manager, once in a heartbeat period of the radio, and immediately when the radio is gone or back.
 
-A frame that waits for more than T_lease is dropped, as everywhere; commands that have the same effect when they come
-late may wait for five periods of the radio. A frame that has not left the controller after a period is given up. A
-`Left` that is lost, in an overrun of a receive queue, looks the same and costs that period.
+A frame that waits for more than T_lease is dropped, as on every bus; commands that have the same effect when they come
+late may wait for five periods of the radio. A frame that has not left the controller after a period is given up. If the
+`Left` of a frame is lost, in an overrun of a receive queue, that frame is given up too, and the port idles for that
+period.
 """
 
 from heronry_agent.core.link_meter import LinkMeter
@@ -19,7 +20,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 from heronry_wire.sansio import NEVER_NS, Send
 
 _HEADROOM_PERCENT = 110
-_LEAST_PACE = 50  # per mille: nothing can be measured where nothing is sent
+_LEAST_PACE = 50  # per mille of the bit rate: the usable bandwidth can only be measured with frames
 _PATIENCE_PERIODS = 5
 
 
@@ -27,23 +28,26 @@ class RadioPort:
     """One radio, away from the manager."""
 
     def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
-        """`port` is the number of the port; its entry in the table has the identifier of the report."""
+        """port: number of the port, whose entry in the table has the identifier of the reports."""
         entry = index.table.ports[port]
         self.next_ns = self._report_ns = now_ns + entry.heartbeat_ns
         self._port, self._entry, self._node, self._uplink = port, entry, index.node, index.uplink
         self._lease_ns = index.lease_ns
         self._queue = RadioQueue(entry.bitrate, entry.data_per_mille, now_ns)
         self._meter = LinkMeter(entry.bitrate, entry.heartbeat_ns, entry.misses, now_ns)
-        self._in_flight: tuple[Frame, int] | None = None  # the frame in the controller, and since when
-        self._moved = False  # since the last step
+        self._in_flight: tuple[Frame, int] | None = None  # the frame in the controller, and when it was handed over
+        self._moved = False  # whether a frame came or left since the last step
         self._sequence = 0
 
     def heard(self, frame: Frame, now_ns: int) -> list[Send]:
-        """Take note of a frame from beyond; gives the report that the radio is back, if it was gone."""
+        """Note a frame from beyond the radio; if the radio was gone, give the report that it is back."""
         return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
 
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
-        """Queue a frame that arrived or was made at `since_ns`; `until_ns`: when to drop it; None: as usual."""
+        """Queue a frame that arrived or was made at `since_ns`; `until_ns`: when to drop it.
+
+        None: after the usual time.
+        """
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
         self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
         self._moved = True
@@ -53,13 +57,13 @@ class RadioPort:
         self._queue.withdraw(identifiers)
 
     def left(self, took_ns: int) -> None:
-        """The frame in the controller has left it."""
+        """Note that the frame in the controller has left it."""
         if self._in_flight is not None:
             self._meter.left(self._in_flight[0], took_ns)
             self._in_flight, self._moved = None, True
 
     def step(self, now_ns: int) -> list[Send]:
-        """Give the frames to be sent now: a report that is due, and the next frame of the queue."""
+        """Give the frames to send now: a report that is due, and the next frame of the queue."""
         if now_ns < self.next_ns and not self._moved:
             return []
         self._moved = False
@@ -73,7 +77,7 @@ class RadioPort:
         return out
 
     def _reports(self, now_ns: int) -> list[Send]:
-        """Report when the radio is gone, and its condition once in a period."""
+        """Give the reports that are due: one when the radio is gone, and one in each period."""
         is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
         self._meter.gone = self._meter.gone or is_gone
         if is_due:

@@ -1,16 +1,16 @@
-"""Frames that wait at a gateway for a radio: the most urgent first, of each kind the newest only, and a limited number.
+"""The queue of a gateway for a radio: limited, most urgent frame first, and only the newest frame of each kind.
 
-    push      a frame joins; where an older one is of the same kind (a datum of the same source, the LEASE before this
-              LEASE), it takes its place: over a slow radio an old datum is worse than none. Frames of which none may be
-              lost (slices, commands, emergencies) only take the place of their own double
-    take      the most urgent frame for which its class has bandwidth; data and management are two classes, since data
-              must leave to management what the spec reserves for it
-    full      the least urgent one is dropped, and counted; so is a frame that would leave too late to be of use. A
-              frame is dropped that much before its time that it can wait for the frame under way: the driver drops a
-              frame that is too old to start without telling, and the next one would wait for a whole period
+    push      adds a frame. It replaces an older frame of the same kind (a datum of the same source, the previous
+              LEASE): over a slow radio an old datum is worse than none. Frames of which none may be lost (slices,
+              commands, emergencies) replace only an identical frame
+    take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
+              management, since data must leave management the share that the spec reserves
+    dropped   and counted: the least urgent frame of a full queue, and a frame that would leave too late. The queue
+              drops a late frame before its time is up, earlier by the time of the frame under way. Otherwise the driver
+              would drop it without a report, and the port would wait for its departure for a whole period
 
-Each class has a bucket of bits, filled at its share of the bandwidth and limited to a burst. Frames count with their
-longest length (as in plans), so that a plan that fits its bus fits this queue too.
+Each class has a bucket of bits, which fills at the rate of its share and holds at most a burst. Each frame counts with
+its worst-case length, as in plans, so a plan that fits its bus fits this queue too.
 """
 
 from dataclasses import dataclass
@@ -35,13 +35,13 @@ _Key = tuple[int, bytes]
 
 @dataclass(slots=True)
 class Bucket:
-    """Bits that may be sent now; `rate` is in bit/s."""
+    """A token bucket: `bits` may be sent now, and `rate` bit/s are added, up to `burst` bits."""
 
     rate: int
     burst: int
     bits: int
     filled_ns: int
-    _rest: int = 0  # billionths of a bit
+    _rest: int = 0  # the fraction of a bit beyond `bits`, in billionths
 
     def fill(self, now_ns: int) -> None:
         """Add the bits gained up to now."""
@@ -52,7 +52,7 @@ class Bucket:
         self.filled_ns = now_ns
 
     def has_ns(self, bits: int) -> int:
-        """Time in ns at which there will be so many bits, if none are taken before."""
+        """Time in ns at which the bucket will have `bits`, if none are taken before."""
         if bits <= self.bits:
             return self.filled_ns
         missing = (bits - self.bits) * _NS_PER_S - self._rest
@@ -61,7 +61,7 @@ class Bucket:
 
 @dataclass(slots=True)
 class Waiting:
-    """A frame in the queue; `until_ns` is until when it is of use."""
+    """A frame in the queue; after `until_ns` it is dropped."""
 
     frame: Frame
     key: _Key
@@ -75,7 +75,7 @@ class RadioQueue:
     """Frames that wait for one radio."""
 
     def __init__(self, rate: int, data_per_mille: int, now_ns: int) -> None:
-        """`rate` is the radio's bandwidth in bit/s; data may take `data_per_mille` thousandths of it."""
+        """rate: bandwidth of the radio in bit/s, of which data may take `data_per_mille` thousandths."""
         self.dropped = 0
         self._data_per_mille = data_per_mille
         self._under_way_ns = worst_bits(8) * _NS_PER_S // rate
@@ -96,7 +96,7 @@ class RadioQueue:
         self._management.rate = rate - self._data.rate
 
     def push(self, frame: Frame, until_ns: int) -> None:
-        """Queue a frame; it is dropped when it could not start before `until_ns`."""
+        """Queue a frame; it is dropped if it cannot start before `until_ns`."""
         use = classify(frame.can_id)
         key = _key(frame, use.use, use.command)
         older = self._waiting.get(key)
@@ -128,7 +128,7 @@ class RadioQueue:
         return first
 
     def next_ns(self) -> int | None:
-        """Time in ns at which some frame may go, if none comes and none goes before; None where none waits."""
+        """Time in ns at which the next frame may go, if nothing changes before; None where no frame waits."""
         return min((self._bucket(one).has_ns(one.bits) for one in self._waiting.values()), default=None)
 
     def _bucket(self, one: Waiting) -> Bucket:
@@ -142,7 +142,7 @@ class RadioQueue:
 
 
 def is_patient(frame: Frame) -> bool:
-    """Tell whether a frame has the same effect when it comes late: it names its epoch, or acknowledges a fault."""
+    """Tell whether a frame has the same effect when it comes late, since it names its epoch or acknowledges a fault."""
     return classify(frame.can_id).command in _PATIENT_COMMANDS
 
 
@@ -151,12 +151,12 @@ def _rank(one: Waiting) -> tuple[int, int]:
 
 
 def _key(frame: Frame, use: Use, command: Command | None) -> _Key:
-    """Key of a frame: a newer frame with the same key takes its place."""
+    """Key of a frame's kind: a newer frame replaces a waiting one with the same key."""
     if use in _LATEST_COUNTS or command in _LATEST_COMMANDS:
         return frame.can_id, b""
     if use is Use.STATE:
         page = page_of(frame.data)
-        return frame.can_id, b"" if page is None else bytes((page,))  # of each page
+        return frame.can_id, b"" if page is None else bytes((page,))  # one kind for each page
     if use is Use.ACTUATOR_ECHO:
-        return frame.can_id, type_and_service_of(frame.data)  # of each device
+        return frame.can_id, type_and_service_of(frame.data)  # one kind for each device
     return frame.can_id, frame.data

@@ -1,8 +1,8 @@
-"""The radios of a gateway: every action that sends to one of them waits for its turn (protocol rule 9).
+"""The radios of a gateway: every frame to a radio is queued until its turn comes (protocol rule 9).
 
-Each radio has a queue and a meter of its own (`radio_port`). A frame from a radio is measured before any part takes it.
-Frames that the parts send to a radio are taken out of the actions of this call and queued; the frames whose turn it is
-now take their place.
+Each radio has its own queue and meter (`radio_port`). The meter sees every frame from a radio before any part of the
+agent takes it. When a call of the core ends, the frames to radios are taken out of its actions and queued, and the
+frames whose turn has come are put in.
 """
 
 from heronry_agent.core.radio_port import RadioPort
@@ -25,19 +25,19 @@ class Radios:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which `passed` has something to send, if no event comes before."""
+        """Time in ns at which `passed` next has a frame to send, if no event comes before."""
         return min((radio.next_ns for radio in self.ports.values()), default=NEVER_NS)
 
     def measure(self, event: Received) -> None:
-        """Take note of a frame from a radio; reports that the radio is back, if it was gone."""
+        """Measure a frame from a radio; if the radio was gone, report that it is back."""
         frame, radio = event.frame, self.ports.get(event.port)
         if radio is not None and not (frame.extended or frame.remote or frame.error):
             self._turn.out += radio.heard(frame, self._turn.now_ns)
 
     def passed(self, out: list[Action]) -> list[Action]:
-        """Queue the frames to radios, and add those whose turn it is; gives the actions that remain to be done.
+        """Queue the frames to radios among the actions; gives the other actions, and the frames whose turn has come.
 
-        A forwarded frame keeps its age: after a pause of this process no stale frame goes by radio.
+        A forwarded frame keeps its age, so that after a pause of this process no stale frame is sent by radio.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

@@ -1,25 +1,25 @@
-"""Which modules run on a PE, and how a configuration replaces the one before: the PE's half of protocol rule 4.
+"""Which modules run on a PE, and how a new configuration replaces the old one: the PE's half of protocol rule 4.
 
     UNCONFIGURED  no step has been taken since the start
-    BROKEN        step BREAK: modules that the new slice lacks have stopped, modules that stay are rewired; no new
-                  module runs yet, and no datum is sent that was not sent before
+    BROKEN        step BREAK: modules that the new slice lacks have stopped, and modules that stay are rewired. No new
+                  module runs yet, and no data are sent that were not sent before
     PARTIAL       step GO: the rest runs, except DEMUX branches that are new here; those are held
     ACTIVE        step GO_ALL, or GO with nothing held
 
-A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
-and doubled commands do no harm, whether the manager repeats them as ACTIVATE or, each period, as LEASE. After a missed
-step the next one that is heard takes both. After a restart nothing runs.
+A step contains the steps before it, so a PE that missed a step takes it together with the next one. A step already
+taken is not taken again, and the epoch never goes back: so lost, late and doubled commands do no harm, whether the
+manager repeats them as ACTIVATE or, each period, as LEASE. After a restart nothing runs.
 
-A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
-mode may give variables that no module reads any more, and read variables that no module sends. With a single GO_ALL
-both happen together. A DEMUX branch that ran here until BREAK is not held at GO, in whatever mode it comes back: no
-other PE has it, or this PE is in doubt (`output_authorization`).
+A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
+sends any more. It is built anew, unless it can go on with its present state. With a single GO_ALL both happen together.
+A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever its new mode: either no other PE drives that
+DEMUX, or this PE is in doubt (`output_authorization`).
 
-A module that failed stays stopped until the next epoch that wants it: the manager has the report, and decides. If the
-operator has cleared the module and another manager becomes active before there was such an epoch, that manager may know
-neither of the fault nor of the CLEAR: the module begins again in the present epoch (`forgive`). A module that *rests*,
-because no manager is heard, starts again when a LEASE names this configuration again (`without_manager`), or when a new
-configuration wants it.
+A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. But if the
+operator has cleared the fault, and another manager becomes active before such an epoch, that manager may know neither
+of the fault nor of the CLEAR; then the module starts again in the present epoch (`forgive`). A module *rests* while it
+is stopped because no manager is heard. It starts again when a LEASE names this configuration again (`without_manager`),
+or when a new configuration contains it.
 """
 
 from collections.abc import Iterable
@@ -34,9 +34,12 @@ from heronry_wire.state_frames import PeState
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """What to do for a step: modules to stop, then to start (with their modes); `rewire` if the epoch is new.
+    """The changes that a step demands: modules to stop, then modules to start, with their modes.
 
-    keep: modules that stop and will start again in another mode; drop: modules kept before and not wanted any more.
+    `rewire` if the epoch is new.
+
+    keep: modules among `stop` that will start again in another mode. drop: modules that were kept and are not needed
+    now.
     """
 
     stop: tuple[int, ...] = ()
@@ -57,7 +60,7 @@ class Reconfiguration:
     held: frozenset[int] = frozenset()
     failed: set[int] = field(default_factory=set)
     resting: frozenset[int] = frozenset()  # modules that stopped because no manager is heard
-    _kept: frozenset[int] = frozenset()  # modules that stopped and are wanted in another mode
+    _kept: frozenset[int] = frozenset()  # modules that stopped and will start again in another mode
     _wanted: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -70,11 +73,11 @@ class Reconfiguration:
         return PeState.PARTIAL if self.held else PeState.ACTIVE
 
     def is_at(self, epoch: int, digest: int) -> bool:
-        """Tell whether this configuration has been taken."""
+        """Tell whether the configuration with this epoch and digest runs here, at whatever step."""
         return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
 
     def advance(self, target: Configured, step: Step) -> Moves | None:
-        """Take `step` of a configuration, running or staged; gives what to do, None if the step was taken before."""
+        """Take `step` of the running or staged configuration, and give the moves; None if the step was taken before."""
         rewire = target is not self.running
         if not rewire and step <= self.step:
             return None
@@ -98,26 +101,29 @@ class Reconfiguration:
         return Moves(stop)
 
     def resume(self) -> Moves:
-        """Give the moves that start the resting modules again: those that `rest` has stopped."""
+        """Give the moves that start the resting modules again."""
         start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
         self.live.update(start)
         self.resting = frozenset()
         return Moves(start=start)
 
     def expendable_live(self) -> frozenset[int]:
-        """Modules that run now and stop when no manager is heard."""
+        """Expendable modules that run now."""
         expendable = self.running.slice.expendable
         return expendable.intersection(self.live) if expendable else expendable
 
     def drop(self, module: int) -> bool:
-        """A module has failed; tells whether it ran."""
+        """Note that a module has failed, and tell whether it ran."""
         if self.live.pop(module, None) is None:
             return False
         self.failed.add(module)
         return True
 
     def forgive(self, modules: Iterable[int]) -> Moves:
-        """Let failed modules run again, as far as the present step allows; expendable ones rest while others rest."""
+        """Give the moves that start failed modules again, as far as the step allows.
+
+        Expendable ones rest while others rest.
+        """
         forgiven = self.failed.intersection(modules)
         self.failed -= forgiven
         if self.resting:

@@ -1,13 +1,13 @@
-"""How a PE reports its state to the manager and to other PEs: state frames, both pages (protocol rule 1).
+"""How a PE reports its state to the manager and to other PEs: pages 0 and 1 of the state frames (protocol rule 1).
 
-Page 0 goes out on every port once in the heartbeat period of that bus, at this node's own place in the period, so that
-34 PEs do not all start at once; page 1 follows every tenth. A change is reported immediately, out of turn, on every
-port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent itself sends these
-frames: an agent that hangs falls silent.
+A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own place in the period, so
+that 34 PEs do not all start at once. Page 1 follows every tenth page 0. A change is reported immediately on every port:
+page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop sends these
+frames, so an agent that hangs falls silent.
 
-Each port counts its own page 0 frames, so that a gap in the sequence is a loss on that bus.
+Each port numbers its own page 0 frames, so that a gap in the sequence shows a loss on that bus.
 
-After a pause of the process the beats that were missed are not made up.
+After a pause of the process, missed heartbeats are not sent afterwards.
 """
 
 from collections.abc import Callable
@@ -21,12 +21,12 @@ from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Send
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, joined_state, split_state
 
-# Number of a page 0 (None for a page 1), its content without the digest, and the digest: gives the tag.
+# Gives the tag of a page, from its number (None for a page 1), its content without the digest, and the digest.
 Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
-    """Content of the state frames without incarnation and sequence; the defaults are of a PE that runs nothing."""
+    """Content of the state frames without incarnation and sequence; the defaults describe a PE that runs nothing."""
 
     state: PeState = PeState.UNCONFIGURED
     flags: PeFlags = PeFlags(0)
@@ -42,7 +42,10 @@ class Reporting:
     """Makes the state frames of one PE."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
-        """The first state frames are due at this node's place in a period; `seal` tags pages (protocol rule 11)."""
+        """seal: gives the tags of pages (protocol rule 11); None without a key.
+
+        The first frames are due at this node's place.
+        """
         self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
         self._periods_ns = [port.heartbeat_ns for port in index.table.ports]
@@ -68,7 +71,7 @@ class Reporting:
         return sends
 
     def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
-        """Give these pages now, on every port: after a change, or on request."""
+        """Give the requested pages for every port, to be sent now."""
         sends = []
         for port in self._ports:
             if page_0:
@@ -78,7 +81,7 @@ class Reporting:
         return sends
 
     def _next_beat(self, port: int, now_ns: int) -> int:
-        """First instant after now at this node's place in a period."""
+        """First time in ns after now at this node's place in the period."""
         period_ns, offset_ns = self._periods_ns[port], self._offsets_ns[port]
         return (now_ns - offset_ns) // period_ns * period_ns + period_ns + offset_ns
 
@@ -93,7 +96,7 @@ class Reporting:
         return self._said(port, None, page.encode())
 
     def _said(self, port: int, beat: int | None, data: bytes) -> Send:
-        """Make the frame of a page; with a key it carries a tag on the uplink, and 0 in its place on other ports."""
+        """Make the frame of a page; with a key the page carries its tag on the uplink, and the tag 0 on other ports."""
         if self._seal is not None:
             said, digest = split_state(data)
             data = joined_state(said, self._seal(beat, said, digest) if port == self._uplink else 0)

@@ -1,14 +1,15 @@
-"""Whether a module that has failed is built anew, when, and when it is given up.
+"""Whether and when a module that has failed is restarted, and when it is given up.
 
-    running    it has not failed, or not more often than its budget allows
-    waiting    it has failed and begins again at a time that `due` gives: immediately the first time, then after
-               BACK_OFF_NS, doubled each time
-    given up   it has failed more than `budget` times with no more than FORGIVEN_NS between one failure and the next.
-               Its record is dropped: the manager has the report, and decides. Started again, it has a new budget
+    running    the module has not failed, or has been restarted since
+    waiting    the module has failed and will be restarted: immediately the first time, then after BACK_OFF_NS, doubled
+               each time. `due` gives the modules whose time has come
+    given up   the module has failed more than `budget` times, each time within FORGIVEN_NS of the failure before. Its
+               record is dropped: the manager has the report, and decides. If the module is started again, it has a new
+               budget
 
-The end of a partition is a failure of the module that was being stepped, unless it has been stopped since; if there is
-no such module, of all modules in the partition. The others begin again immediately, without a failure. The caller gives
-the times; a restart of the agent drops all records.
+If a partition ends, the module that was computing counts as failed, unless it has been stopped since; if no module was
+computing, all modules in the partition count as failed. The other modules are restarted immediately, without a failure.
+The caller gives the times; a restart of the agent drops all records.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ class _Record:
 
 
 class Restarts:
-    """The records of the modules of one PE."""
+    """The records of the failed modules of one PE."""
 
     def __init__(self) -> None:
         self._records: dict[int, _Record] = {}
@@ -35,11 +36,11 @@ class Restarts:
 
     @property
     def waiting(self) -> frozenset[int]:
-        """Modules that have failed and will begin again."""
+        """Modules that have failed and will be restarted."""
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """Record a failure of a module; gives the number of failures by now, or None when it is given up."""
+        """Record a failure of a module; gives its number of failures by now, or None where the module is given up."""
         record = self._records.get(module)
         known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
         if known >= budget:
@@ -50,7 +51,7 @@ class Restarts:
         return known + 1
 
     def begin_at(self, module: int, at_ns: int) -> None:
-        """Let a module begin again at a time in ns."""
+        """Schedule the restart of a module for a time in ns."""
         self._begin_ns[module] = at_ns
         self._find_next()
 
@@ -60,12 +61,12 @@ class Restarts:
         self.cancel(module)
 
     def cancel(self, module: int) -> None:
-        """Cancel the restart of a module for which it waits."""
+        """Cancel the restart of a waiting module."""
         self._begin_ns.pop(module, None)
         self._find_next()
 
     def due(self, now_ns: int) -> list[int]:
-        """Take the modules that begin again now."""
+        """Give the modules to restart now; they no longer count as waiting."""
         if now_ns < self.next_ns:
             return []
         found = sorted(module for module, at_ns in self._begin_ns.items() if at_ns <= now_ns)

@@ -1,23 +1,24 @@
-"""The modules of one PE at work: released by the schedule, fed from the mailboxes, with data frames and faults out.
+"""Runs the modules of one PE: steps them by the schedule, gives them their inputs, and sends their data and faults.
 
-A module exists from its StartModule to its StopModule. In between the schedule releases it, step by step. Its outputs
-go to the mailboxes of this PE and, where the slice says so, on the buses; a command to its device is executed, if it is
-authorized, and echoed; a report becomes a fault.
+A module exists from its StartModule to its StopModule. In between the schedule releases its steps. The outputs of a
+step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the module's device is
+executed, if it is authorized, and echoed. A report of a failed element becomes a fault.
 
 A module *fails* when it raises an exception, gives or writes a value that cannot be carried, hangs, or its partition
-ends. The failure is reported, and the module is built anew as often as the table allows (`restarts`), then stopped: the
-manager has the report and decides. A module that cannot be built, or that takes too long again and again, is stopped
-immediately. A partition in which a module hangs is ended by force; its other modules begin again immediately, and other
-partitions are not affected.
+ends. The failure is reported, and the module is restarted as often as the table allows (`restarts`), then stopped: the
+manager has the report and decides. A module that cannot be built, or that takes too long in many steps in a row, is
+stopped immediately. A partition in which a module hangs is ended by force; its other modules are restarted immediately,
+and other partitions are not affected.
 
-The output authorization (protocol rule 6) is checked at the last moment, in three places: a DEMUX branch is not stepped
-without it, since the branch may command its device itself; a command to the device in its answer is not executed
-without it, since this process may have stood still in between; and a module that may run elsewhere computes and feeds
-this PE, but without authorization its frames are not sent.
+The output authorization (protocol rule 6) is checked at the last moment, in three places. A DEMUX branch without it is
+not stepped, since the branch may command its device itself. A command in the answer to a step is not executed without
+it, since this process may have been paused in between. And a module that may run elsewhere is stepped, and its outputs
+reach modules on this PE, but its frames are not sent without it.
 
-An answer of a module that has been stopped since its step began is dropped. While this PE holds back its own exclusive
-outputs, and for a second after that, no report is accepted: a surface that no PE drives does not follow, and that is
-not a fault of its servo. The module that reported it is built anew, without what it has observed.
+An answer of a module that has been stopped since its step began is dropped. While this PE holds back its exclusive
+outputs, and for a second after that, reports of failed elements are not accepted: a surface that no PE drives does not
+follow its command, and its servo is not to blame. The module that made the report is restarted, so that it drops what
+it has observed.
 """
 
 from dataclasses import dataclass
@@ -83,12 +84,12 @@ class RunningModules:
         self.restarts = Restarts()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
         self.phase_requests = PhaseRequests(index, self.faults)
-        self._held_ns = -EVALUATED_AFTER_NS  # when something exclusive was last held back
+        self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
         self.has_exclusive_output = False
         self.load_percent = 0
 
     def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
-        """Stop, rewire and start modules as a step of a configuration demands; `wanted` is None where wires stay."""
+        """Stop, rewire and start modules as a step of a configuration demands; `wanted`: the new slice, or None."""
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
@@ -119,7 +120,7 @@ class RunningModules:
         return min(self.schedule.next_ns, self.restarts.next_ns)
 
     def tick(self) -> None:
-        """Begin modules whose waiting time is over, and have the steps measured that should have ended."""
+        """Restart modules whose waiting time is over, and have overdue steps measured."""
         for module in self.restarts.due(self._turn.now_ns):
             self._begin(module)
         self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
@@ -161,7 +162,7 @@ class RunningModules:
                 self._give_up(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
-        """The device of a module has moved: send its echo."""
+        """Send the echo of a device that has moved."""
         running = self._running.get(event.module)
         if running is None:
             return
@@ -169,7 +170,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """A module or its partition has failed: build anew or stop what failed."""
+        """Restart, or stop for good, the modules that a failure of a module or a partition concerns."""
         match event:
             case StepFailed(module, release, reason):
                 if self.schedule.end(module, release, 0):
@@ -185,12 +186,12 @@ class RunningModules:
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def not_ready(self, event: NotReady) -> None:
-        """A module could not be stepped before now: make it due now, with the inputs of now."""
+        """Make a module due now whose step was given back, so that it gets the present inputs."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
     def measured(self, event: StepMeasured) -> None:
-        """Take the time that an unfinished step has spent: a partition whose module hangs is ended."""
+        """Take the time that an unfinished step has spent; if its module hangs, end the partition."""
         if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
             return
         partition = self._index.modules[event.module].partition
@@ -200,7 +201,7 @@ class RunningModules:
         )
 
     def _failed(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Build a failed module anew, or give it up."""
+        """Restart a failed module, or give it up."""
         running = self._running.get(module)
         if running is None or module in self.restarts.waiting:
             return
@@ -226,7 +227,7 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the EMCYs that are due again to the manager."""
+        """Send the pending EMCYs that are due again."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def cleared(self, kind: int, index: int) -> None:
@@ -234,9 +235,9 @@ class RunningModules:
         self._tell(self.faults.clear(kind, index))
 
     def new_mastership(self) -> None:
-        """A new term has begun: send the phase request and the faults again, since that manager may not know them.
+        """Send the phase request and the faults again at the begin of a term: its manager may not know them.
 
-        A failed module that was cleared, and has not been started since, begins again.
+        A failed module whose fault was cleared, and that has not been started since, starts again.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -250,7 +251,7 @@ class RunningModules:
             self.carry_out(self._reconfiguration.forgive(cleared), None)
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
-        """Read another PE's echo: device and value."""
+        """Decode another PE's echo into device and value; None where it is no echo."""
         return self._publisher.heard(frame)
 
     def validate(self) -> None:
@@ -271,7 +272,7 @@ class RunningModules:
         self._begin(module)
 
     def _begin(self, module: int) -> None:
-        """Let a module compute, built anew or carried over."""
+        """Have a module built, or carried over into a new mode, and schedule its steps."""
         running = self._running[module]
         entry, mode = running.entry, running.mode
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
@@ -285,13 +286,13 @@ class RunningModules:
         self._halt(module, keep=keep)
 
     def _halt(self, module: int, *, keep: bool = False) -> None:
-        """Stop the steps of a module, for now or for good."""
+        """Stop the steps of a module; keep: it will start again in another mode."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """A partition has ended: the culprit counts as failed, or all modules without one; the others begin again."""
+        """Handle the end of a partition: the culprit, or without one every module, has failed; the others restart."""
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:
             if culprit in (None, module):
@@ -320,7 +321,7 @@ class RunningModules:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
-        """Compute anew what depends on which modules run."""
+        """Compute again what depends on the set of running modules."""
         self.has_exclusive_output = any(
             r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
             for r in self._running.values()
@@ -329,7 +330,7 @@ class RunningModules:
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
 
     def _give(self, running: _Running, variable: str, value: Value) -> None:
-        """A module has given the value of a variable."""
+        """Handle a value of a variable that a module has given: publish it, and check it against phase rules."""
         if variable not in running.gives:
             self._turn.count("output that the mode does not give", running.entry.index)
             return
@@ -338,7 +339,7 @@ class RunningModules:
         self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
 
     def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
-        """Hand a datum to its readers here, and to the buses that the slice names."""
+        """Hand a datum to its readers on this PE, and send it on the buses that the slice names."""
         box = self.mailboxes.boxes.get(source)
         if box is not None:
             box.put(frame.data, self._turn.now_ns)

@@ -1,24 +1,23 @@
-"""When each module is due: one grid per module, exact at all times, without bursts, and with a limit for every step.
+"""When each module is stepped: at exact multiples of its period, without bursts, and with a limit for every step.
 
-The k-th release of a module is k periods after it was started, computed from k and not from the one before: a rate of
-30 Hz has no period of whole nanoseconds, and does not drift for that. Of the releases that have passed while the PE was
-busy or paused, one is made up and the others are skipped and counted (`overruns`).
+The k-th release of a module is k periods after its start, computed from k and not from the release before: so a rate of
+30 Hz, whose period is not a whole number of nanoseconds, does not drift. If several releases have passed while the PE
+was busy or paused, the module is stepped once, and the other releases are skipped and counted (`overruns`).
 
-Modules that are due at the same instant begin in the order of the spec: a partition receives all of its steps together
-and computes them one by one; partitions compute side by side. A partition that has not answered all of its steps
-receives no other. So that a chain of modules on one PE passes a value on within one instant, a module waits for the
-modules whose outputs it reads here and that were due just before it: until they have answered, at most a quarter of its
-own period. A module that hangs or is late thus costs its readers its value, and stops only the modules of its own
-partition.
+Modules that are due at the same instant begin in the order of the spec. A partition receives all of its steps together
+and computes them one by one; partitions compute side by side. A partition receives no further steps before it has
+answered all. A chain of modules on one PE is to pass a value on within one instant: so a module waits until the modules
+whose outputs it reads on this PE, and that were due just before it, have answered, but at most a quarter of its own
+period. If a module hangs or is late, its readers go on without its value, and only the other modules of its partition
+have to wait.
 
-What a step has *spent* is the time it took without the time for which the processor was not its own: no module is
-reported because the machine was overloaded or stood still. The driver measures it; this file says when, and what the
-result means.
+The time that a step has *spent* is its duration without the time in which it waited for a processor: so no module is
+reported because the computer was overloaded or paused. The driver measures this time; this file decides when, and what
+the result means.
 
-    overruns    OVERRUNS_IN_A_ROW steps, one after the other, have each spent more than a period: the module will not
-                keep up
-    hangs       one step has spent FRESH_PERIODS periods, after which its output is not fresh any more, and at least
-                HUNG_NS. `overdue` has the step measured
+    overruns    OVERRUNS_IN_A_ROW steps in a row have each spent more than a period: the module cannot keep up
+    hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which its output is not
+                fresh any more. `overdue` gives the steps to measure
 """
 
 from collections import Counter
@@ -32,13 +31,13 @@ OVERRUNS_IN_A_ROW = 10
 HUNG_NS = 100_000_000
 
 NS_MHZ = 1_000_000_000_000
-"""Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""
+"""The period in ns is this divided by the rate in mHz (10^9 ns/s times 10^3 mHz/Hz)."""
 
-_PATIENCE = 4  # a module waits for this part of its period: one in so many
+_PATIENCE = 4  # a module waits for its producers for one part in so many of its period
 
 
 def hung_ns(rate_mhz: int) -> int:
-    """Time in ns that a step of a module of this rate may spend before the module counts as hanging."""
+    """Time in ns that a step may spend before its module, which runs at `rate_mhz`, counts as hanging."""
     return max(HUNG_NS, FRESH_PERIODS * NS_MHZ // rate_mhz)
 
 
@@ -60,7 +59,7 @@ class _Grid:
         self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
-        """Move on to the first release after now; returns how many were skipped."""
+        """Move on to the first release after now; gives the number of releases that were skipped."""
         following = self.index + 1
         index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
         while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
@@ -76,7 +75,7 @@ class _Step:
     module: int
     release: int
     due_ns: int
-    look_ns: int  # when to have it measured
+    look_ns: int  # when to have the step measured
 
 
 class Schedule:
@@ -85,10 +84,10 @@ class Schedule:
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
         self._steps: dict[str, dict[int, _Step]] = {}  # by partition and module
-        self._due_ns: dict[int, int] = {}  # due time of a release that was taken and not begun yet
+        self._due_ns: dict[int, int] = {}  # due times of releases that `due` gave and that have not begun
         self._producers: Mapping[int, frozenset[int]] = {}
         self._releases = 0
-        self._next_ns: int | None = NEVER_NS  # None: something has changed
+        self._next_ns: int | None = NEVER_NS  # None: to be computed again
         self.overruns: Counter[int] = Counter()
 
     @property
@@ -100,17 +99,17 @@ class Schedule:
 
     @property
     def modules(self) -> KeysView[int]:
-        """Modules that have releases."""
+        """Modules that are scheduled."""
         return self._grids.keys()
 
     def start(self, module: int, rate_mhz: int, now_ns: int, partition: str = "") -> None:
-        """Begin a grid; its first release is now."""
+        """Schedule a module; its first release is now."""
         self.stop(module)
         self._grids[module] = _Grid(module, partition, rate_mhz, now_ns)
         self._next_ns = None
 
     def stop(self, module: int) -> None:
-        """End a grid; an answer that is still to come will not be recognised."""
+        """Stop scheduling a module; an answer that is still to come will not be recognised."""
         grid = self._grids.pop(module, None)
         if grid is not None:
             self._forget(grid)
@@ -122,9 +121,9 @@ class Schedule:
         self._next_ns = None
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Take the modules to be stepped now, the earliest due first, of equals the first of the spec.
+        """Give the modules to step now: the earliest due first, and among equals in the order of the spec.
 
-        The caller calls `begin` for each, or skips it, before it takes the next one.
+        For each module the caller calls `begin`, or skips the step, before it takes the next module.
         """
         if now_ns < self.next_ns:
             return
@@ -142,7 +141,7 @@ class Schedule:
                 yield grid.module
 
     def begin(self, module: int, now_ns: int) -> int:
-        """A module is being stepped; returns the number of this release, which its answer repeats."""
+        """Note that a module is being stepped; gives the number of this release, which the answer repeats."""
         self._releases += 1
         grid = self._grids[module]
         step = _Step(module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns)
@@ -151,7 +150,10 @@ class Schedule:
         return self._releases
 
     def end(self, module: int, release: int, spent_ns: int) -> bool:
-        """Take the answer to a step; False where no such step waits, or the module has been stopped since."""
+        """Take the answer to a step.
+
+        False where no such step is under way, as when the module has been stopped since.
+        """
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -162,7 +164,7 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """A module could not be stepped, and now can: it is due now. False as in `end`."""
+        """Make a module due now whose step was given back undone; False as in `end`."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -173,11 +175,11 @@ class Schedule:
         return True
 
     def overruns_now(self, module: int) -> bool:
-        """Tell whether a module has taken too long too often."""
+        """Tell whether a module has overrun its period in too many steps in a row."""
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Modules and releases of the steps to be measured now."""
+        """Give module and release of each step that is to be measured now."""
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns
@@ -196,7 +198,7 @@ class Schedule:
         return left_ns <= 0
 
     def _find_next(self) -> int:
-        """Find `next_ns`: this runs for each step, so a module that cannot be the first is not examined further."""
+        """Compute `next_ns`. This runs for each step, so a module that cannot be the first is skipped early."""
         next_ns = NEVER_NS
         for grid in self._grids.values():
             if grid.due_ns < next_ns and grid.partition not in self._steps:
@@ -207,13 +209,13 @@ class Schedule:
         return next_ns
 
     def _awaiting(self, module: int, release: int) -> _Grid | None:
-        """Grid of a module if this release waits for its answer, else None."""
+        """Grid of a module if this release has begun and has not been answered, else None."""
         grid = self._grids.get(module)
         step = None if grid is None else self._steps.get(grid.partition, {}).get(module)
         return grid if step is not None and step.release == release else None
 
     def _forget(self, grid: _Grid) -> None:
-        """Drop the step of a module that waits for its answer."""
+        """Drop a module's step that has not been answered."""
         steps = self._steps.get(grid.partition, {})
         if steps.pop(grid.module, None) is not None and not steps:
             del self._steps[grid.partition]
@@ -224,7 +226,7 @@ class Schedule:
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 
     def _waits(self, grid: _Grid, producers: frozenset[int]) -> bool:
-        """Tell whether one of its producers was due just before, and has not answered."""
+        """Tell whether a module has to wait: a producer was due just before it, and has not answered."""
         earliest_ns = grid.due_ns - grid.patience_ns
         for module in producers:
             producer = self._grids.get(module)

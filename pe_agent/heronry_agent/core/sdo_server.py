@@ -1,37 +1,38 @@
-"""The SDO server of a node: requests in, answers out, one object at a time (CiA 301, 7.2.4).
+"""The SDO server of a node: answers the requests of clients, one transfer at a time (CiA 301, 7.2.4).
 
 A client reads (uploads) or writes (downloads) one value of the object dictionary per transfer, in one of three ways:
 
     expedited   up to four bytes, in the request or the answer itself
-    segmented   seven bytes a request, each answered; a toggle bit tells a doubled request from the next
-    block       up to 127 segments in a row, then one answer that says how many have come in order; the rest is sent
-                again. A checksum over everything at the end
+    segmented   seven bytes in each request, each answered; a toggle bit distinguishes a doubled request from the next
+    block       up to 127 segments in a row, then one answer that says how many have come in order; the other segments
+                are sent again. The end carries a checksum over all data
 
 States
 
     none         no transfer
     Segmented download, upload
-                 the next segment is awaited; a wrong toggle bit ends the transfer
+                 the server awaits the next segment; a wrong toggle bit ends the transfer
     BlockDownload
-                 segments of a block come; `is_complete` once the last one is here, and the end is awaited
-    BlockUpload OPENED until the client sends start, SENDING segments, WAITING for the answer to a block, CLOSING:
-                 the end was sent, the client's answer is awaited
+                 the server receives segments; `is_complete` once the last one has come, and the server awaits the end
+    BlockUpload OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING: the
+    end was sent, and the server awaits the client's answer
 
-One transfer at a time. Requests of two clients cannot be told apart, since they have one identifier: a new initiate
-replaces the transfer under way, and the other client's next request does not fit and is aborted. (Within a block
-download every frame is a segment; there the second client must wait for the end or for the time-out.)
+There is one transfer at a time. The requests of two clients have the same identifier, so the server cannot distinguish
+them: a new initiate replaces the transfer under way, and the next request of the other client does not fit and is
+aborted. (Within a block download every frame is a segment; there the second client has to wait for the end or for the
+time-out.)
 
-What is written reaches the object at the end of its transfer, complete and checked, or not at all.
+A written value reaches its object at the end of the transfer, complete and checked, or not at all.
 
-Lost, late, doubled. A request or an answer that is lost ends an expedited or segmented transfer: the client gives up,
-and so does this server after TIME_OUT_NS, with an abort. In a block a lost segment is sent again: segments after a gap
-are dropped, and the answer names the last one in order. If the last segment of a block itself is lost, that answer
-comes after BLOCK_PAUSE_NS. A forged request does what a true one does. Garbage is answered with an abort, or not at
-all; nothing here raises. After a restart the server knows of no transfer, and aborts one that the client continues.
+A lost request or answer ends an expedited or segmented transfer: the client gives up, and so does this server after
+TIME_OUT_NS, with an abort. A lost segment of a block is sent again: the server drops the segments after a gap, and its
+answer names the last segment in order. If the last segment of a block is lost, that answer is sent after
+BLOCK_PAUSE_NS. A forged request has the effect of a true one. Garbage is answered with an abort, or not at all; no
+request raises an exception. After a restart the server knows of no transfer, and aborts one that a client continues.
 
-Slow path: each request is answered with at most one frame; an upload by block sends one segment at a time, and leaves
-`segment_ns` to the rest of the bus. A block to this node has SEGMENTS_PER_BLOCK segments at most, so that a client does
-not hold the bus for longer: SDO has a higher priority than some of the data.
+SDO has a higher priority than some of the data, so its rate is limited: each request is answered with at most one
+frame, a block upload sends one segment and then leaves the bus free for `segment_ns`, and a block download has at most
+SEGMENTS_PER_BLOCK segments per block.
 """
 
 from collections.abc import Callable
@@ -97,16 +98,19 @@ SEGMENTS_PER_BLOCK = 32
 
 
 class Objects(Protocol):
-    """What is served: an object dictionary."""
+    """The object dictionary that the server serves."""
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Value of an object."""
+        """Give the bytes of an object's value, or the reason why it cannot be read."""
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written to an object, called before the first byte comes; `length`: as announced."""
+        """Give how many bytes may be written to an object, before the first byte comes.
+
+        `length`: as announced, or None.
+        """
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Take the value of an object."""
+        """Write the value of an object; gives None, or why the value is refused."""
 
 
 class _Phase(Enum):
@@ -118,7 +122,7 @@ class _Phase(Enum):
 
 @dataclass(slots=True)
 class _Download:
-    """Segments are coming; `length` is what was announced."""
+    """A segmented download under way; `length` is the announced length, `room` the longest allowed."""
 
     index: int
     sub_index: int
@@ -130,7 +134,7 @@ class _Download:
 
 @dataclass(slots=True)
 class _Upload:
-    """Segments are being fetched."""
+    """A segmented upload under way; the next segment begins at `at`."""
 
     index: int
     sub_index: int
@@ -141,7 +145,7 @@ class _Upload:
 
 @dataclass(slots=True)
 class _BlockDownload:
-    """Blocks are coming; `sequence` is the last segment of this block that came in order."""
+    """A block download under way; `sequence` is the number of the last segment of this block that came in order."""
 
     index: int
     sub_index: int
@@ -155,7 +159,10 @@ class _BlockDownload:
 
 @dataclass(slots=True)
 class _BlockUpload:
-    """Blocks are being sent; this one begins at `at`, has `size` segments at most, and `sent` of them have gone out."""
+    """A block upload under way.
+
+    The present block begins at `at`, and `sent` of at most `size` segments have been sent.
+    """
 
     index: int
     sub_index: int
@@ -171,15 +178,15 @@ _Transfer = _Download | _Upload | _BlockDownload | _BlockUpload
 
 
 class SdoServer:
-    """One server; `next_ns` is when to call `tick` at the latest."""
+    """The SDO server of one node; `next_ns` is the latest time at which to call `tick`."""
 
     def __init__(self, objects: Objects, segment_ns: int) -> None:
-        """Serve these objects; `segment_ns` from one segment of a block upload to the next may be changed any time."""
+        """segment_ns: time from one segment of a block upload to the next; it may be changed at any time."""
         self._objects = objects
         self.segment_ns = segment_ns
         self._transfer: _Transfer | None = None
         self.next_ns = NEVER_NS
-        self._limit_ns = NEVER_NS  # when the transfer is given up
+        self._limit_ns = NEVER_NS  # when the transfer times out
         self._commands: dict[int, Callable[[bytes, int], bytes | None]] = {
             DOWNLOAD: self._download,
             SEGMENT_DOWNLOAD: self._download_segment,
@@ -190,12 +197,12 @@ class SdoServer:
         }
 
     def reset(self) -> None:
-        """Forget the transfer that is under way."""
+        """Drop the transfer under way, without an abort."""
         self._transfer = None
         self.next_ns = self._limit_ns = NEVER_NS
 
     def request(self, message: bytes, now_ns: int) -> bytes | None:
-        """Take a request at a time in ns; gives the answer, if there is one."""
+        """Take a request that came at `now_ns`; gives the answer, or None."""
         if len(message) != MESSAGE_BYTES:
             return None
         if command_of(message) == ABORT:
@@ -211,7 +218,7 @@ class SdoServer:
         return answer
 
     def tick(self, now_ns: int) -> bytes | None:
-        """Give what is due: the next segment of an upload, the answer to an interrupted block, or a time-out abort."""
+        """Give the frame that is due: a segment of an upload, the answer to an interrupted block, or an abort."""
         transfer = self._transfer
         if transfer is None or now_ns < self.next_ns:
             return None
@@ -224,7 +231,7 @@ class SdoServer:
         return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
-        """Restart the time-out. `wake_ns`: when `tick` is due, if it has something to do before the time-out ends."""
+        """Restart the time-out; wake_ns: when `tick` is due, if that is before the time-out."""
         self._limit_ns = now_ns + TIME_OUT_NS
         self.next_ns = min(self._limit_ns, wake_ns)
 
@@ -233,7 +240,7 @@ class SdoServer:
         return abort_message(index, sub_index, reason)
 
     def _unknown(self, message: bytes, _now_ns: int) -> bytes:
-        """Abort for a request that does not exist, or does not fit the transfer, which ends too."""
+        """Abort a request that does not exist or does not fit the transfer, and end the transfer."""
         transfer = self._transfer
         index, sub_index = read_head(message)[:2] if transfer is None else (transfer.index, transfer.sub_index)
         return self._abort(index, sub_index, Abort.COMMAND)
@@ -255,7 +262,7 @@ class SdoServer:
         return with_data(DOWNLOAD_ANSWER, index, sub_index)
 
     def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
-        """Write the complete value to its object; gives the answer or an abort, and ends the transfer."""
+        """Write a complete value to its object, end the transfer, and give the answer or an abort."""
         refusal = self._objects.write(index, sub_index, data)
         if refusal is not None:
             return self._abort(index, sub_index, refusal)
@@ -396,7 +403,10 @@ class SdoServer:
         return segment(command, part)
 
     def _acknowledged(self, transfer: _BlockUpload, received: int, size: int, now_ns: int) -> bytes:
-        """The client has `received` segments of the block in order, perhaps not all were sent; `size`: of the next."""
+        """Continue after the client has received `received` segments of the block in order.
+
+        `size`: of the next block.
+        """
         if received > transfer.sent:
             return self._abort(transfer.index, transfer.sub_index, Abort.SEQUENCE)
         if not 0 < size <= MOST_SEGMENTS:
@@ -412,7 +422,7 @@ class SdoServer:
 
 
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
-    """Tell whether the data received have the announced length, or one that the object may have."""
+    """Tell whether the length of the received data is the announced one, or one that the object allows."""
     length = len(transfer.data)
     if transfer.length is None:
         return length <= transfer.room

@@ -1,8 +1,8 @@
-"""From the bytes of a slice to a slice that this PE can run, or the reason why it cannot.
+"""Decodes the bytes of a slice into a slice that this PE can run, or gives the reason why it cannot.
 
-Everything is checked before anything is staged, so that taking a step cannot fail half way: every index is in the
-table, what a leaf reads has the leaf's variable and is produced here or comes from a named node, what is published is
-given by a module of this slice, every mask has ports of this PE only, and every image is here.
+Everything is checked before the slice is staged, so that no step can fail half way. Every index is in the table. Every
+wired leaf reads its own variable, from a module of this slice or from a named node. Every published source is given by
+a module of this slice. Every mask names only ports of this PE. Every image can be loaded here.
 """
 
 from collections.abc import Iterable
@@ -17,17 +17,23 @@ class SliceReader:
     """Reads the slices of one PE."""
 
     def __init__(self, index: TableIndex, missing_images: frozenset[str]) -> None:
-        """`missing_images` are those of the table that cannot be loaded here."""
+        """missing_images: images of the table that cannot be loaded on this PE."""
         self._index = index
         self.missing_images = missing_images
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
-        """Give the slice of a contingency and its digest, None if not on board; `digest`: of the configuration."""
+        """Give the slice of a contingency with its digest.
+
+        None if configuration `digest` is not on board as `number`.
+        """
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
-        """Decode and check the bytes of a slice that was announced with this digest; gives the slice or why not."""
+        """Decode and check the bytes of a slice; `digest` was announced for them.
+
+        Gives the slice, or the reason for refusal.
+        """
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST
         try:

@@ -1,21 +1,21 @@
-"""What is to run next: from PREPARE and SLICE frames to a staged configuration.
+"""Collects the next configuration of a PE from PREPARE and SLICE frames, checks it, and stages it.
 
     nothing      no PREPARE has been accepted, or the last one was refused
-    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, doubled, or not
-                 (a contingency that is on board is complete immediately; of one that is not the PE requests the slice:
-                 NOT_ON_BOARD)
+    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, some of them
+                 perhaps doubled or not at all. A contingency on board is complete immediately; for one that is not on
+                 board the PE requests the slice (NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
-A newer epoch, or one from a higher term, replaces whatever was collected or staged; a repeated command about what is
-already staged is answered again and changes nothing else. A head that announces the slice which already runs here
-stages it at once. For any other the body follows, unless the manager thinks that it runs here already: INCOMPLETE is
-answered whenever frames have stopped coming for half a heartbeat period while some are missing.
+A newer epoch, or one from a higher term, replaces what was collected or staged. A repeated command for a staged epoch
+is answered again and changes nothing. A head that announces the slice which already runs here stages it at once. For
+any other slice the body must follow: if frames are missing and none has come for half a heartbeat period, the PE
+answers INCOMPLETE. That also happens if the manager sends no body because it believes that the slice already runs here.
 
-An answer is a page 1 of the state; every method tells whether one is due now. Page 1 names the epoch of the last
-PREPARE, with its digest once it is staged, and until then without one and with the reason: so the manager knows which
-command is answered. Late: a PREPARE of an older epoch than the one collected is answered with STALE_EPOCH. After a
-pause the frames that waited are taken in their order; the manager has repeated those without an answer, which changes
-nothing. A restart loses all of this: the PE is then unconfigured, and the manager starts again.
+An answer is a page 1 of the state; the methods that take commands tell whether an answer is due now. Page 1 names the
+epoch of the last PREPARE, so the manager knows which command is answered; with it page 1 gives the digest once the
+epoch is staged, and a reason until then. A late PREPARE, of an older epoch than the one collected, is answered with
+STALE_EPOCH. After a pause the frames that waited are taken in their order; repetitions by the manager change nothing.
+After a restart the PE is unconfigured, and the manager begins anew.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,10 @@ MAX_SLICE_BYTES = 255 * SLICE_BYTES_PER_FRAME
 
 @dataclass(frozen=True, slots=True)
 class Configured:
-    """One PE's part of a configuration; `digest` is that of the whole, the slice's own is `slice_digest`."""
+    """One PE's part of a configuration.
+
+    `digest` is that of the whole configuration, `slice_digest` that of the slice.
+    """
 
     epoch: int
     digest: int
@@ -52,13 +55,13 @@ class _Collection:
     bodies: dict[int, bytes] | None = None
 
     def missing(self) -> bool:
-        """Tell whether the body is not complete."""
+        """Tell whether a part of the body has not come; the head must have."""
         assert self.head is not None
         held = self.bodies or {}
         return any(index not in held for index in range(1, _frames(self.head.length) + 1))
 
     def body(self) -> bytes:
-        """Bytes of the slice, once nothing is missing."""
+        """Give the bytes of the slice; nothing may be missing."""
         assert self.head is not None
         held = self.bodies or {}
         joined = b"".join(held[index] for index in range(1, _frames(self.head.length) + 1))
@@ -70,20 +73,20 @@ def _frames(length: int) -> int:
 
 
 class Staging:
-    """Collects the slices of one PE."""
+    """Collects and stages the slices of one PE. The methods that take commands tell whether page 1 is due now."""
 
     def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
-        """`quiet_ns` is how long the frames of a body may pause before the PE reports INCOMPLETE."""
+        """quiet_ns: how long no frame of an incomplete body may come before the PE reports INCOMPLETE."""
         self.reader = reader
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
         self._term = 0  # term of the last PREPARE that was accepted
-        self.staged = UNCONFIGURED  # stays when its steps are taken: page 1 names it until the next PREPARE
+        self.staged = UNCONFIGURED  # kept after its steps are taken: page 1 names it until the next PREPARE
         self.reason = Reason.NONE
-        self.ask_ns = NEVER_NS  # when to say INCOMPLETE
+        self.ask_ns = NEVER_NS  # when to report INCOMPLETE
 
     def prepare(self, command: Prepare, running: Configured) -> bool:
-        """Take an accepted PREPARE."""
+        """Take a PREPARE of the active manager; `running` is the configuration that runs."""
         epoch = command.epoch
         if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
             self.reason = Reason.NONE
@@ -101,7 +104,7 @@ class Staging:
         return command.contingency != 0 and self._take_from_board(command)
 
     def _take_from_board(self, command: Prepare) -> bool:
-        """Stage the slice of this contingency number, or refuse with NOT_ON_BOARD."""
+        """Stage the contingency that a PREPARE names, or refuse it with NOT_ON_BOARD."""
         collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
         assert collection is not None
         if found is None:
@@ -143,13 +146,13 @@ class Staging:
         return self.refuse(Reason.INCOMPLETE)
 
     def refuse(self, reason: Reason) -> bool:
-        """Keep the reason for page 1, which is due now."""
+        """Record why a command was refused, for page 1, which is due now."""
         self.reason = reason
         return True
 
     @property
     def told(self) -> tuple[int, int]:
-        """Epoch and digest that page 1 names: what is staged, or what is being collected, which has no digest yet."""
+        """Epoch and digest for page 1: those of the staged epoch, or the epoch being collected with digest 0."""
         if self._collection is not None:
             return self._collection.prepare.epoch, 0
         return self.staged.epoch, self.staged.digest
@@ -168,7 +171,7 @@ class Staging:
         return self.staged if self.staged.epoch != NO_EPOCH else None
 
     def _is_superseded(self, command: Prepare) -> bool:
-        """Tell whether a later PREPARE of the same term was accepted, which this one must not undo."""
+        """Tell whether a later PREPARE of the same term was already accepted, so that this one must be refused."""
         newest = self._newest()
         return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
 

@@ -1,10 +1,12 @@
-"""How the states of a PE with a key are proven to its manager: sessions, and the tag of each page (protocol rule 11).
+"""How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
-A manager that has welcomed this PE has a session with it, under the number of its WELCOME; a manager chooses no number
-twice. Only the session with the active manager is used: without one, pages are sent untagged (0). Beats are counted
-from the session's first page 0, rounded down to a whole 256, since a page carries one byte of its number.
+A manager that has welcomed this PE has a session with it, under the number of the WELCOME; a manager uses no number
+twice. Only the session with the active manager is used; without one, pages carry the tag 0. Pages 0 are numbered within
+a session. The page shows only the lowest byte of its number, so the number at the begin of a session is rounded down to
+a multiple of 256.
 
-The tag of a page 0 also covers an EMCY that waits to be acknowledged, in turn where there are several.
+The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
+turn.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +19,7 @@ class StateSeal:
     """Tags the pages of one PE."""
 
     def __init__(self, node: int, key: Key, mastership: Mastership, pending: Callable[[], Sequence[bytes]]) -> None:
-        """`pending` gives every EMCY that waits to be acknowledged."""
+        """pending: gives every EMCY that waits to be acknowledged."""
         self._node, self._key, self._mastership, self._pending = node, key, mastership, pending
         self._sessions: dict[int, Session] = {}  # by manager
         self._first_beat: int | None = None
@@ -29,7 +31,7 @@ class StateSeal:
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """A manager has opened a session, which ends its previous one."""
+        """Begin a session with a manager, which ends the previous session with that manager."""
         self._sessions[manager] = Session(manager, term, counter)
         self._first_beat = None
 
@@ -38,7 +40,10 @@ class StateSeal:
         self._sessions.pop(self._mastership.manager, None)
 
     def tag(self, beat: int | None, said: bytes, digest: int) -> int:
-        """Tag of a page on the uplink, 0 without a session; `beat` counts pages 0, and is None for a page 1."""
+        """Give the tag of a page on the uplink, 0 without a session.
+
+        `beat` is the number of a page 0, None for a page 1.
+        """
         session = self.session
         if session is None:
             return 0

@@ -1,6 +1,6 @@
-"""The PE's table with quick look-ups, checked once for contradictions that would stop the agent later.
+"""Quick look-ups in a PE's table, which is checked once for contradictions that would stop the agent later.
 
-The constructor raises TableError; afterwards every look-up of a name or index of the table itself succeeds.
+The constructor raises TableError for such a table; afterwards every look-up of a name or index of the table succeeds.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ _REMEDY = "write the table anew with 'heronry table'"
 
 
 class TableIndex:
-    """Look-ups by the indices and names in slices, modules and frames."""
+    """Look-ups in a table by the indices and names that slices, modules and frames use."""
 
     def __init__(self, table: PeTable) -> None:
         """Index a table; raises TableError where it contradicts itself."""
@@ -26,7 +26,7 @@ class TableIndex:
         self.ports = range(len(table.ports))
         self.uplink = table.uplink
         self.lease_ns = t_lease_ns(table.ports[table.uplink].heartbeat_ns)
-        self.leased_ns = max(self.lease_ns, t_lease_ns(table.command_period_ns))  # validity of one LEASE
+        self.leased_ns = max(self.lease_ns, t_lease_ns(table.command_period_ns))  # how long one LEASE is valid
         self.stand_back_ns = _stand_back_ns(table.ports[table.uplink])
         self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
         self.leaf_counts = table.leaf_counts()
@@ -44,7 +44,7 @@ class TableIndex:
         self._check_preloaded()
 
     def on_board(self, number: int, digest: int) -> bytes | None:
-        """Slice of a contingency; None where this number is not on board, or means another configuration."""
+        """Slice of contingency `number`; None if it is not on board, or is not the configuration with this digest."""
         if not 0 < number <= len(self._preloaded):
             return None
         found = self._preloaded[number - 1]
@@ -55,7 +55,7 @@ class TableIndex:
             try:
                 decode_slice(body, self.leaf_counts)
             except SliceError as error:
-                raise TableError(f"a contingency is no slice of this PE ({error}); {_REMEDY}") from None
+                raise TableError(f"a contingency in the table is not a slice of this PE ({error}); {_REMEDY}") from None
 
     def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
         """Variable of each leaf of a mode, in the order of a slice."""
@@ -72,7 +72,7 @@ class TableIndex:
 
 
 def _stand_back_ns(port: Port) -> int:
-    """How long data are held back, in ns: what PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take."""
+    """Time in ns for which data are held back: that of PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE."""
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
 
@@ -98,11 +98,11 @@ def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
     if any(source.period_ns <= 0 for source in table.sources):
         raise TableError(f"a source has no period; {_REMEDY}")
     if any(device.node not in PE_NODES for device in table.devices):
-        raise TableError(f"a device sits on a node that is no PE; {_REMEDY}")
+        raise TableError(f"a device is on a node that is not a PE; {_REMEDY}")
     for module in table.modules:
         for mode in module.modes:
             for variable, version in mode.gives.items():
                 if (module.name, variable) not in source_of:
-                    raise TableError(f"module {module.name} gives {variable}, which is no source; {_REMEDY}")
+                    raise TableError(f"module {module.name} gives {variable}, which is not a source; {_REMEDY}")
                 if not 1 <= version <= 15:
                     raise TableError(f"module {module.name} gives version {version} of {variable}; {_REMEDY}")

@@ -1,8 +1,8 @@
-"""One call of the core: its time, and the actions and pages requested so far.
+"""The present call of the core: its time, and the actions and state pages requested so far.
 
-The parts share the turn instead of handing a time and a list through every call. A part that has changed what the state
-frames report requests a page; the core sends each page once, when the call ends. Only the time and the counts are kept
-from one call to the next.
+All parts of the agent share the turn, so that no time and no list has to be passed through every call. A part that has
+changed what the state frames report requests a page; the core sends each page once, when the call ends. Only the time
+and the counts are kept from one call to the next.
 """
 
 from collections import Counter
@@ -18,9 +18,9 @@ class Turn:
 
     def __init__(self, now_ns: int) -> None:
         self.now_ns = now_ns
-        self.arrived_ns = now_ns  # arrival of the present frame: earlier than now after a pause of the process
-        self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before may be outdated by one behind it
-        self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by identifier; never reset
+        self.arrived_ns = now_ns  # arrival of the present frame: before now_ns if the process was paused
+        self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before it may be outdated by a later one
+        self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by cause and identifier; never reset
         self.out: list[Action] = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
 
@@ -34,20 +34,20 @@ class Turn:
         return self.out
 
     def arrived(self, age_ns: int, late_ns: int) -> None:
-        """Take the age of the present frame; one above `late_ns` shows that this process stood still."""
+        """Note the age of the present frame; an age above `late_ns` shows that this process was paused."""
         self.arrived_ns = self.now_ns - age_ns
         if age_ns > late_ns:
             self.held_until_ns = self.now_ns
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers, if there are any."""
+        """Have the driver withdraw the frames that wait under these identifiers; no effect without identifiers."""
         if identifiers:
             self.out.append(Withdraw(identifiers))
 
     def note(self, kind: str, text: str) -> None:
-        """Write a line to the log."""
+        """Add a line for the log; `kind` is a word to filter by."""
         self.out.append(Note(kind, text))
 
     def count(self, what: str, identifier: int) -> None:
-        """Count an event of which nothing else is kept."""
+        """Count a malformed or refused frame or answer, by cause and identifier (or module)."""
         self.counts[what, identifier] += 1

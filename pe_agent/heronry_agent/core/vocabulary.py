@@ -1,9 +1,9 @@
 """The events and actions of the agent core, beside frames and time (`heronry_wire.sansio`).
 
-A StepModule is answered by one `Stepped`, `StepFailed` or `NotReady` that repeats its `release`, a number that is used
-once, or by the `PartitionEnded` of its partition, or never: an answer that comes after the module was stopped is
-thereby recognised and dropped. StartModule is answered only if it failed, MeasureStep by `StepMeasured`, Drive by
-`Driven` if the device moved or `DriveFailed` if it could not. No other action needs an answer.
+The answer to a StepModule is one `Stepped`, `StepFailed` or `NotReady`, or the `PartitionEnded` of its partition, or
+none. The answer repeats the `release` of the StepModule, a number that is used once, so the core recognizes and drops
+an answer that comes after the module was stopped. StartModule is answered only if it failed; MeasureStep by
+`StepMeasured`; Drive by `Driven` if the device moved, or `DriveFailed` if it could not. No other action has an answer.
 """
 
 from collections.abc import Mapping
@@ -18,11 +18,11 @@ from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withd
 class Stepped(NamedTuple):
     """A module has computed one period.
 
-    outputs: value by variable; one left out is not published.
+    outputs: value by variable; a variable left out is not published.
     writes: commands of the module to its device, in order; none has been executed yet.
-    reports: (element, detail): elements that the module says have failed, as `device:NAME` or `module:NAME`.
+    reports: (element, detail) of each element that the module reports failed, as `device:NAME` or `module:NAME`.
     phases: mission phases that the module requested, in their order.
-    spent_ns: how long the step took, without the time for which the processor was not its own.
+    spent_ns: duration of the step, without the time in which it waited for a processor.
     """
 
     module: int
@@ -53,7 +53,7 @@ class StartFailed:
 
 @dataclass(frozen=True, slots=True)
 class NotReady:
-    """A module could not be stepped, since its partition was still loading; now it can."""
+    """A step was not computed, since the partition was still loading; now the module can be stepped."""
 
     module: int
     release: int
@@ -70,7 +70,7 @@ class StepMeasured:
 
 @dataclass(frozen=True, slots=True)
 class PartitionEnded:
-    """A partition and all its modules have ended, with the one that was `computing`; `reason` is one line."""
+    """A partition and all its modules have ended; `computing` is the module whose step was under way, if any."""
 
     partition: str
     reason: str
@@ -79,7 +79,7 @@ class PartitionEnded:
 
 @dataclass(frozen=True, slots=True)
 class ImagesMissing:
-    """Images that cannot be loaded here."""
+    """The images that cannot be loaded on this PE."""
 
     images: frozenset[str]
 
@@ -102,7 +102,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Let a module run in a mode (an index into `entry.modes`): a module that was kept goes on, if it can do that."""
+    """Let a module run in a mode (an index into `entry.modes`); a kept module goes on with its state, if it can."""
 
     module: int
     entry: ModuleEntry
@@ -120,8 +120,8 @@ class StopModule:
 class StepModule(NamedTuple):
     """Let a module compute one period.
 
-    inputs: (variable, datum) by leaf path, fresh ones only.
-    until_ns: when its output authorization ends, unless a later step extends it.
+    inputs: (variable, datum) by leaf path; only fresh data.
+    until_ns: when the module's output authorization ends, unless a later step extends it.
     """
 
     module: int
@@ -132,7 +132,7 @@ class StepModule(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MeasureStep:
-    """Measure how much time a step has spent that should have ended by now."""
+    """Measure the time that a step has spent, because it should have ended by now."""
 
     module: int
     release: int
@@ -147,7 +147,7 @@ class EndPartition:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Drive the device of a module."""
+    """Command the device of a module to a value."""
 
     module: int
     value: Value
@@ -155,7 +155,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """An output echo of another PE gives the value of one of its actuators: the plant follows it."""
+    """Hand the plant the value of another PE's actuator, from an output echo of that PE."""
 
     device: str
     value: float
@@ -177,7 +177,7 @@ class Left(NamedTuple):
 
 
 class ChannelsLost(NamedTuple):
-    """Which channels of a port's bus, from 1, carry no frames although the other one does; sent on change."""
+    """The lost channels of a port's bus, numbered from 1; sent when they change."""
 
     port: int
     channels: frozenset[int]

@@ -1,22 +1,21 @@
 """What a PE does while no manager is heard (protocol rule 7): it keeps all modules, or stops the expendable ones.
 
     attended   a LEASE of the highest term came within T_lease
-    resting    none came, and the policy is `safe_mode`: the modules that the slice marks as expendable have stopped;
-               the rest goes on, wired, published and forwarded as before
+    resting    no LEASE came, and the policy is `safe_mode`: the modules that the slice marks as expendable have
+               stopped; the others go on, wired, published and forwarded as before
 
-With the policy `keep` no module rests. An expendable module serves nothing critical, so no module that stays reads from
-one that stops, and a PE that rests affects no other PE: none starts a module in its place, and none has to agree. The
-state frame goes on reporting the same state, epoch and digest: it is the same configuration, of which a part rests;
-only the load in page 1 falls.
+With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that goes on reads
+from it. So a resting PE does not affect other PEs: no PE starts a module in its place, and none has to agree. The state
+frames still report the same state, epoch and digest, since a part of the same configuration rests; only the load in
+page 1 falls.
 
-Back to attended: a LEASE of any active manager that names the very configuration that runs here; it shows that no other
-one has been activated. A new configuration starts its modules anyway. A LEASE that names another configuration, or none
-yet, starts nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output still needs its
-authorization.
+A LEASE that names the configuration which runs here ends the rest: it shows that no other configuration has been
+activated. A new configuration starts its modules in any case. A LEASE that names another configuration, or none, starts
+nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output still needs its authorization.
 
-Lost or late: a LEASE within T_lease is enough. After a pause of the process the frames that waited are taken first, so
-a manager that sent one meanwhile has been heard. A forged LEASE can only start modules of the present configuration.
-After a restart the PE runs nothing.
+One LEASE within T_lease is enough, so single ones may be lost or late. After a pause of the process the frames that
+waited are taken before the deadline, so a LEASE that came in the pause counts. A forged LEASE can only start modules of
+the present configuration. After a restart the PE runs nothing.
 """
 
 from heronry_agent.core.mastership import Mastership
@@ -41,11 +40,11 @@ class WithoutManager:
         return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:
-        """The lease has run out: stop the expendable modules."""
+        """Stop the expendable modules, since the lease has run out."""
         self._move(self._reconfiguration.rest())
 
     def named(self) -> None:
-        """A LEASE names the configuration that runs here: start the resting modules."""
+        """Start the resting modules, since a LEASE names the configuration that runs here."""
         if self._reconfiguration.resting:
             self._move(self._reconfiguration.resume())
 

@@ -1,10 +1,10 @@
-"""Fail-over and N-version: one value out of several of different quality.
+"""Fail-over and N-version: modules that choose one value out of several of different quality.
 
-FailOver   the first of `sources` that is present. A source that comes back is taken again only after it was present for
-           `patience_ns`: an intermittent source must not make the output jump
-NVersion   programs that were written independently give one variable, each in a version of its own. The best version
-           that is not outvoted is taken: with three or more it must be within `tolerance` of their median, and the
-           author of one that is not is reported. With two, the best is taken
+FailOver   gives the first of `sources` that is present. A source that comes back is used again only after it was
+           present for `patience_ns`, so that an intermittent source does not make the output jump
+NVersion   compares programs that were written independently, and give one variable in one version each. It gives the
+           best version that is not outvoted: with three or more versions, one that is not within `tolerance` of their
+           median is outvoted, and the element that gave it is reported. With two versions it gives the better one
 """
 
 import math
@@ -20,7 +20,7 @@ _BLAMING = 3  # versions that must be present for a report
 
 
 class FailOver(Module):
-    """Gives the value of the best source; a subclass sets the attributes."""
+    """Gives the value of the best source that is present; a subclass sets the attributes."""
 
     sources: ClassVar[tuple[str, ...]]  # variables, the best first
     output: ClassVar[str]
@@ -33,7 +33,7 @@ class FailOver(Module):
         self._enough = max(1, -(-self.patience_ns // ctx.period_ns))
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Give the value of the source that is taken now; nothing while no source is present."""
+        """Give the value of the source in use; no value while no source is present."""
         heard = {source: value for source in self.sources if (value := number(inputs, source)) is not None}
         self._present = {source: self._present[source] + 1 if source in heard else 0 for source in self.sources}
         if self._taken not in heard:
@@ -57,7 +57,7 @@ class NVersion(Module):
         self._odd = {version: Lasting(self.patience_ns, ctx.period_ns) for version in self.authors}
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the versions and give the best one; nothing while there is none."""
+        """Compare the versions and give the best one that is not outvoted; no value while there is none."""
         heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and _is_finite(d.value)}
         if not heard:
             return {}

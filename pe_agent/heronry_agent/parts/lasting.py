@@ -1,10 +1,10 @@
-"""A condition that has to last, so that two data of different moments do not look like a fault."""
+"""A condition that has to last before it counts, so that two data of different moments do not look like a fault."""
 
 _FEWEST = 3
 
 
 def steps_of(patience_ns: int, period_ns: int) -> int:
-    """Give the number of steps in `patience_ns`; three at least."""
+    """Number of steps in `patience_ns`, but at least three."""
     return max(_FEWEST, -(-patience_ns // period_ns))
 
 
@@ -12,14 +12,16 @@ class Lasting:
     """Counts for how many steps a condition has held without a break."""
 
     def __init__(self, patience_ns: int, period_ns: int) -> None:
-        """The condition is due after `patience_ns` (`steps_of`)."""
+        """patience_ns: how long the condition has to hold; period_ns: time between two steps."""
         self._enough = steps_of(patience_ns, period_ns)
         self._held = 0
 
     def is_due(self, holds: bool) -> bool:
-        """Take one step; True when the condition has held for long enough, and again after as long.
+        """Count one step.
 
-        The operator may have cleared the first report meanwhile.
+        True when the condition has held for `patience_ns`, and again after each further `patience_ns`.
+
+        The repetition matters because the operator may have cleared the first report.
         """
         self._held = self._held + 1 if holds else 0
         return holds and self._held % self._enough == 0

@@ -1,7 +1,7 @@
-"""A rate limiter: the output follows the input, by `most_per_s` a second at most.
+"""A rate limiter: a module whose output follows its input, but changes by at most `most_per_s` per second.
 
-The output starts at the input. While the input is missing the module gives nothing, and the reader's own rule for a
-missing datum applies; afterwards the output goes on from its last value, so that a gap does not bypass the limit.
+The first output equals the input. While the input is missing the module gives no value, and its readers handle a
+missing datum. Afterwards the output goes on from its last value, so that a gap does not bypass the limit.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ class RateLimiter(Module):
         self._last: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Give the last output, moved towards the input by one step's share of `most_per_s` at most."""
+        """Give the output: the last one, moved towards the input by at most the change that one period allows."""
         wanted = number(inputs, self.source)
         if wanted is None:
             return {}

@@ -1,13 +1,13 @@
-"""Monitors: a sensor that is stuck, an actuator that does not follow its command.
+"""Monitors: modules that detect a stuck sensor, and an actuator that does not follow its command.
 
-    StuckSensorMonitor  a sensor whose last digit always changes (noise, a moving quantity) has given exactly the same
-                        value for `patience_ns`. It is the wrong part for a sensor that may rest
-    ActuatorMonitor     the position is further than `tolerance` from where a healthy actuator would be, which follows
-                        its command with the lag `lag_s`, for `patience_ns`. It cannot detect an actuator that
-                        is stuck at its command. A wrong position sensor looks the same as a failed actuator; with a
-                        second actuator `images.servo_monitor` tells them apart
+    StuckSensorMonitor  reports a sensor that has given exactly the same value for `patience_ns`. It suits only a sensor
+                        whose last digit always changes (noise, a moving quantity)
+    ActuatorMonitor     reports an actuator whose position is further than `tolerance` from that of a healthy actuator,
+                        for `patience_ns`. A healthy actuator follows its command with the lag `lag_s`. An actuator that
+                        is stuck at its command is not detected. A wrong position sensor looks like a failed actuator;
+                        with a second actuator, `images.servo_monitor` distinguishes the two
 
-Both give a health: 0 well, 1 reported as failed. A missing datum suspends the comparison.
+Both give the health of the element: 0 well, 1 reported as failed. While a datum is missing they do not compare.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ _NS_PER_S = 1_000_000_000
 class Monitor(Module):
     """Base of the two monitors; a subclass of one of them sets the attributes."""
 
-    element: ClassVar[str]  # to report when the fault has lasted
+    element: ClassVar[str]  # the element to report failed
     output: ClassVar[str]
     patience_ns: ClassVar[int] = 1_000_000_000
 
@@ -37,7 +37,7 @@ class Monitor(Module):
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare, report a fault that has lasted, and give the health."""
+        """Compare, report the element if the fault has lasted for `patience_ns`, and give its health."""
         if self._wrong.is_due(self.is_wrong(inputs)):
             self._health = 1
             self.ctx.report_failed(self.element)
@@ -45,20 +45,20 @@ class Monitor(Module):
 
 
 class StuckSensorMonitor(Monitor):
-    """Monitors one sensor for a value that does not change."""
+    """Reports a sensor whose value does not change; a subclass sets the attributes."""
 
     source: ClassVar[str]
     _last: float | None = None
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Compare the value with the previous one."""
+        """Tell whether the value equals the previous one."""
         value = number(inputs, self.source)
         before, self._last = self._last, value
         return value is not None and value == before
 
 
 class ActuatorMonitor(Monitor):
-    """Monitors one actuator by its position sensor."""
+    """Reports an actuator whose position does not follow its command; a subclass sets the attributes."""
 
     command: ClassVar[str]
     position: ClassVar[str]
@@ -67,7 +67,7 @@ class ActuatorMonitor(Monitor):
     _expected: float | None = None
 
     def is_wrong(self, inputs: Inputs) -> bool:
-        """Compare the position with that of a healthy actuator."""
+        """Tell whether the position differs from that of a healthy actuator by more than `tolerance`."""
         command, position = number(inputs, self.command), number(inputs, self.position)
         if command is None or position is None:
             self._expected = None

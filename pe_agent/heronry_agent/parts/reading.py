@@ -1,7 +1,7 @@
-"""How images read their inputs: a datum is present, valid and a finite number, or it counts as missing.
+"""How images read numbers from their inputs: a datum that is not valid, or not a finite number, counts as missing.
 
-There are three ways to have no datum (not supplied, too old, declared invalid by its producer) and a fourth with a
-broken producer (not a number). The result is None for all of them.
+A number can be missing for four reasons: the datum is not supplied, is too old, is declared invalid by its producer, or
+is not a number because its producer is broken. The result is None in all four cases.
 """
 
 import math
@@ -18,7 +18,7 @@ def number(inputs: Inputs, variable: str) -> float | None:
 
 
 def whole(inputs: Inputs, variable: str) -> int | None:
-    """Value of a variable as an integer, or None; for states, counts and commands."""
+    """Value of a variable as an integer, or None; used for states, counts and commands."""
     value = number(inputs, variable)
     return None if value is None else int(value)
 

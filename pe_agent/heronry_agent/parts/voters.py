@@ -1,12 +1,12 @@
-"""Voters: one value out of several that should be the same, with a report of a channel that differs.
+"""Voters: modules that give one value out of several that should be equal, and report a channel that differs.
 
-    median    the median of the channels that are present: no single wrong channel decides. Of two that differ, the one
-              nearer to the last output
-    majority  the mean of the largest group that agrees, if it is more than half of all channels; else nothing is given,
-              and the spec says what the reader does without it
+    median    gives the median of the channels that are present, so that a single wrong channel does not decide; of two
+              that differ, the one nearer to the last output
+    majority  gives the mean of the largest group of channels that agree, if that is more than half of all channels;
+              else no value, and the spec decides what its readers do without one
 
-A channel is reported that is further than `tolerance` from the output while more than two are present. Of two that
-differ either may be right.
+A channel is reported if it is further than `tolerance` from the output while more than two channels are present. With
+two channels that differ, either may be right, and none is reported.
 """
 
 import statistics
@@ -34,11 +34,11 @@ class Voter(Module):
         self.last: float | None = None
 
     def choose(self, heard: list[float]) -> float | None:
-        """Give the output for one or more values; None where they do not agree."""
+        """Choose the output from one or more values; None where they do not agree."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Vote; gives nothing while no channel is present, or there is no agreement."""
+        """Vote, and give the output; no value while no channel is present, or the channels do not agree."""
         heard = {channel: value for channel in self.channels if (value := number(inputs, channel)) is not None}
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
@@ -50,10 +50,10 @@ class Voter(Module):
 
 
 class MedianVoter(Voter):
-    """Gives the median of the channels."""
+    """Gives the median of the channels; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float:
-        """Give the median, or of two that differ the one nearer to the last value."""
+        """Give the median; of two values that differ, the one nearer to the last output."""
         last = self.last
         if len(heard) != 2 or last is None or abs(heard[0] - heard[1]) <= self.tolerance:
             return statistics.median(heard)
@@ -61,10 +61,10 @@ class MedianVoter(Voter):
 
 
 class MajorityVoter(Voter):
-    """Gives the value on which more than half of all channels agree."""
+    """Gives the value on which more than half of all channels agree; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float | None:
-        """Give the mean of the largest group within the tolerance of one of them, if it is a majority."""
+        """Give the mean of the largest group of values within `tolerance` of one of them, if it is a majority."""
         groups = ([other for other in heard if abs(other - one) <= self.tolerance] for one in heard)
         largest = max(groups, key=len)
         return statistics.fmean(largest) if 2 * len(largest) > len(self.channels) else None

@@ -1,7 +1,7 @@
-"""The command `pe-agent`: the agent of one PE, from its table, on its buses.
+"""The command `pe-agent`: runs the agent of one PE on its buses, from the PE's table.
 
-Exit codes: 0 stopped in order, 1 the node-ID is taken, 2 an argument cannot be used (a flag, a table, a bus). The
-reason for exit code 1 or 2 is one sentence on standard error.
+Exit codes: 0 stopped in order, 1 another node has the node-ID, 2 an argument (a flag, a table, a bus) cannot be used.
+The reason for exit code 1 or 2 is one sentence on standard error.
 """
 
 import argparse
@@ -37,7 +37,7 @@ from heronry_wire.service_manager import ServiceManager
 
 _LISTEN_NS = 1_200_000_000  # longer than the heartbeat period of a node that waits for its table
 _SALT_BYTES = 16
-_USUAL_BITRATE = 1_000_000  # bit/s, limits the rate of SDO; without --bitrate
+_USUAL_BITRATE = 1_000_000  # bit/s without --bitrate; limits the rate of SDO
 
 _EPILOG = """\
 examples:
@@ -45,7 +45,7 @@ examples:
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
-  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  executes only commands made with the key
+  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  executes only commands tagged with the key
   pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
   pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' sends its table
   pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes only a table sealed with the key
@@ -56,10 +56,10 @@ can.conf and CAN_* variables are used too. Ctrl-C or SIGTERM stops the agent; th
 
 
 class _IdTakenError(HeronryError):
-    """Another node on the bus has this node-ID."""
+    """Another node on the bus has the node-ID of this PE."""
 
     def __init__(self, node: int, where: str = "") -> None:
-        super().__init__(f"another node on the bus has node-ID {node}; give one of them another{where}")
+        super().__init__(f"another node on the bus has node-ID {node}; change one of the two{where}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pe-agent",
-        description="Run the modules that the manager gives this processing element, and report to it.",
+        description="Run the modules that the manager assigns to this processing element, and report to the manager.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -103,7 +103,7 @@ def _parser() -> argparse.ArgumentParser:
         "--bench-origin",
         type=int,
         metavar="NS",
-        help="take-off time of the simulated flight, in ns of the monotonic clock (default: now)",
+        help="take-off time of the simulated flight, in ns of this computer's monotonic clock (default: now)",
     )
     parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
@@ -160,7 +160,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Wait as a node without a table until there is one; None if the program was stopped before."""
+    """Run as a node without a table until a table comes, and give the table; None if the program was stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
@@ -182,7 +182,7 @@ def _read_table(file: Path) -> PeTable:
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        reason = error.strerror if isinstance(error, OSError) else "the file is not text"
         raise TableError(f"{file}: {reason}; write the table with 'heronry table'") from error
     try:
         return PeTable.from_json(text)

@@ -1,16 +1,15 @@
-"""The devices of one PE as its modules use them: read before a step, driven when the core authorizes it.
+"""The devices of one PE: read before each step of their module, and driven if the core authorizes a command.
 
-Both go through the agent's own process, not through the partition of the module: so an output is checked at the last
-moment (protocol rule 6), and a module that was stopped, or hangs, moves nothing. The hardware behind a device is known
-to its driver alone (`heronry_agent.device`).
+The agent's process does both, not the partition of the module: so an output is checked at the last moment (protocol
+rule 6), and a module that was stopped, or hangs, moves nothing. Only the driver of a device knows its hardware
+(`heronry_agent.device`).
 
-A device belongs to one driver; a PE may have several drivers, and loads only those of the devices of its modules: a PE
-without devices loads none. A spec cannot name a driver yet, so every device is the plant's: only `open_drivers` knows
-that, and it is the place to look up a driver's name in the table.
+Each device has one driver. A PE may have several drivers, and loads only those that its modules' devices need. A spec
+cannot name a driver yet, so the driver of every device is the plant; only `open_drivers` depends on that.
 
-A driver is foreign code in the agent's own process. Its exceptions do not end the agent: a reading that fails is a
-device that does not answer, a command that fails is a `DriveFailed`. A driver that stands still stops the agent's loop,
-which nothing here can prevent.
+A driver is foreign code in the agent's process. Its exceptions do not end the agent: after an exception a reading
+counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; nothing
+here can prevent that.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,19 +24,19 @@ from heronry_wire.errors import HeronryError
 from heronry_wire.pe_table import PeTable
 
 _GROUP = "heronry.devices"
-PLANT = "plant"  # the driver of the shipped aircraft's simulated devices
+PLANT = "plant"  # name of the driver of the shipped aircraft's simulated devices
 
 
 class DeviceDriverError(HeronryError):
-    """A device driver is not installed, or does not work; the message is one sentence."""
+    """A device driver is not installed, or has failed; the message is one sentence."""
 
 
 def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
-    """Give the driver of this name, a callable (see `heronry_agent.device`); raises DeviceDriverError."""
+    """Find an installed driver by name: the callable of `heronry_agent.device`; raises DeviceDriverError."""
     offered = entry_points(group=_GROUP)
     if name not in offered.names:
         known = ", ".join(sorted(offered.names)) or "none"
-        raise DeviceDriverError(f"no device driver is named '{name}'; installed here: {known}")
+        raise DeviceDriverError(f"no device driver is named '{name}'; installed are: {known}")
     try:
         found: Callable[[int], DeviceDriver] = offered[name].load()
     except Exception as error:
@@ -48,7 +47,7 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 
 
 def open_drivers(table: PeTable, origin_ns: int) -> dict[str, DeviceDriver]:
-    """Give the driver of each device of the modules of this table, by device; raises DeviceDriverError.
+    """Start the drivers that the modules of a table need, and give them by device; raises DeviceDriverError.
 
     origin_ns: take-off time of the simulated flight, on the monotonic clock.
     """
@@ -69,9 +68,9 @@ class Devices:
     """The opened devices of the modules of a table."""
 
     def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
-        """Open every device of a module, once; `drivers` has the driver of each, by device.
+        """Open the devices of all modules; `drivers` has the driver of each device, by name of the device.
 
-        Raises DeviceDriverError where a driver cannot open one.
+        Raises DeviceDriverError where a driver cannot open a device.
         """
         self._drivers = drivers
         self._every_driver = tuple({id(driver): driver for driver in drivers.values()}.values())
@@ -96,7 +95,10 @@ class Devices:
         return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
-        """Reading of a module's device; None if there is none, it does not answer, or its reading is invalid."""
+        """Read a module's device.
+
+        None if the module has none, the device does not answer, or the reading is invalid.
+        """
         device = self._bolted_to[module]
         if device is None:
             return None
@@ -110,7 +112,7 @@ class Devices:
         """Execute a command to a module's device; None when the device did not move."""
         device = self._bolted_to[order.module]
         if device is None:
-            return DriveFailed(order.module, "it has no device to drive")
+            return DriveFailed(order.module, "the module has no device to drive")
         try:
             moved_to = device.command(order.value, now_ns)
         except TypeError as error:
@@ -120,7 +122,7 @@ class Devices:
         return None if moved_to is None else Driven(order.module, moved_to)
 
     def make_safe(self, module: int, now_ns: int) -> None:
-        """Take the safe action of a module's device, because the module does not drive it any more."""
+        """Take the safe action of a module's device, because the module no longer drives it."""
         device = self._bolted_to[module]
         if device is not None:
             _make_safe(device, now_ns)
@@ -131,13 +133,13 @@ class Devices:
             _make_safe(device, now_ns)
 
     def heard(self, echo: Heard, now_ns: int) -> None:
-        """Hand the output echo of another PE to the drivers."""
+        """Hand the value in another PE's output echo to the drivers."""
         for driver in self._every_driver:
             with suppress(Exception):  # foreign code; the next echo repeats the value
                 driver.heard(echo.device, echo.value, now_ns)
 
 
 def _make_safe(device: Device, now_ns: int) -> None:
-    """Take a safe action; if the driver fails in it, the agent can do nothing more."""
+    """Take a safe action; an exception of the driver is ignored, since the agent has no other way."""
     with suppress(Exception):
         device.make_safe(now_ns)

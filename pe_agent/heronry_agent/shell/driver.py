@@ -1,28 +1,27 @@
-"""The driver of an agent core: the buses of one PE, its modules, one select loop. Time is CLOCK_MONOTONIC.
+"""The driver of an agent core: one select loop over the buses and the partitions of a PE, on CLOCK_MONOTONIC.
 
 A turn of the loop:
 
 1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
-2. Hand over every frame that has come, with its age: after a pause of this process the old ones among them must not
-   count as present (protocol rule 6), and no deadline passes before they are handed over.
-3. Hand over the results of the partitions, then the deadline if it is due. The modules that this releases compute in
-   their partitions, meanwhile.
+2. Hand over every frame that has come, with its age, before any deadline: after a pause of this process old frames must
+not count as new (protocol rule 6). 3. Hand over the results of the partitions, and then the deadline if it is due.
+Modules whose steps become due compute in their partitions while the loop goes on.
 
 The kernel (or the hub) filters out frames that the PE does not take now: on a full bus that is most of the traffic.
 
-A frame that could not leave within T_lease does not leave at all: it was authorized (protocol rule 6) for that time,
-not for now.
+A frame that could not leave within T_lease is dropped, because its authorization (protocol rule 6) was for that time.
 
-This loop waits only in its select. There is no thread, and no other process sends the state frames: when this loop
-stands still, the PE is silent.
+This loop waits only in its select. No thread and no other process sends the state frames: if this loop hangs, the PE
+falls silent.
 
 A lost bus does not end the agent (`heronry_wire.link` reopens it). Meanwhile the core goes on, its frames are dropped,
-and protocol rule 6 ends the authorization of its exclusive outputs. When the bus toward the manager comes back after
-more than T_lease, other PEs have taken over the modules of this PE: the driver stops its modules, listens whether
-another node has its node-ID, and starts unconfigured, as a new incarnation. While another node has the node-ID the PE
-stays silent, and goes on listening.
+and protocol rule 6 ends the authorization of its exclusive outputs. If the bus toward the manager comes back after more
+than T_lease, other PEs may have taken over the modules of this PE. So the driver stops all modules, listens for another
+node with this node-ID, and then starts unconfigured, as a new incarnation. While it hears another node with the
+node-ID, the PE stays silent and goes on listening.
 
-Frames are taken in bounded bursts, of more than a socket holds: a flood delays heartbeats, but does not stop them.
+Frames are read in bounded bursts, larger than the buffer of a socket: a flood delays heartbeats, but does not stop
+them.
 
 The loop ends when `stop` is called (by a signal), and with `until_eof` when standard input ends.
 """
@@ -46,12 +45,12 @@ from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.service_manager import ServiceManager
 
 _NS_PER_S = 1_000_000_000
-_BURSTS = 8  # of 64 frames, taken in one turn; SocketCAN's default buffer holds fewer
-_LISTEN_PERIODS = 2  # heartbeats of a node that runs
+_BURSTS = 8  # bursts of 64 frames read in one turn; SocketCAN's default buffer holds fewer
+_LISTEN_PERIODS = 2  # heartbeat periods of a node that runs
 
 
 def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
-    """Listen for `listen_ns` before the first frame: tell whether another node already has this node-ID."""
+    """Listen for `listen_ns` before this node sends, and tell whether another node already has the node-ID."""
     own = (state_id(node), heartbeat_id(node))
     end_ns = time.monotonic_ns() + listen_ns
     while (left_ns := end_ns - time.monotonic_ns()) > 0:
@@ -67,7 +66,7 @@ def _is_plain(frame: Frame) -> bool:
 
 
 def id_is_taken(links: Sequence[AnyLink], table: PeTable) -> bool:
-    """Listen for as long as a PE with this table's node-ID could be silent: tell whether there is one."""
+    """Listen for the longest silence of a running PE, and tell whether one has the node-ID of this table."""
     return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
 
 
@@ -84,13 +83,13 @@ class AgentDriver:
         tell: Callable[[Note], None],
         service: ServiceManager,
     ) -> None:
-        """`new_core` makes the core of the next incarnation, `tell` gets every note as it happens."""
+        """new_core: makes the core of the next incarnation. tell: called with every note when it is made."""
         self.core = new_core()
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._service, self._own_state = service, state_id(table.node_id)
-        self._off_since_ns: int | None = None  # begin of an outage of the uplink that is not over
+        self._off_since_ns: int | None = None  # begin of the present outage of the uplink
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
-        self._accepted: Collection[int] = ()  # identifiers that the links last had to take in
+        self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._until_eof = False
         self._stopping = False
 
@@ -99,7 +98,7 @@ class AgentDriver:
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> None:
-        """Run until stopped."""
+        """Run until `stop` is called, or with `until_eof` until standard input ends."""
         self._until_eof = until_eof
         always: list[Any] = [sys.stdin] if until_eof else []
         while not self._stopping:
@@ -123,11 +122,11 @@ class AgentDriver:
                 self._accept(self.core.identifiers)
 
     def _is_abandoned(self) -> bool:
-        """Tell whether standard input has ended, since the program that started the agent has."""
+        """Tell whether standard input has ended, which shows that the program that started the agent has ended."""
         return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
 
     def _look_at_links(self, now_ns: int) -> None:
-        """Note the link status events, and begin anew after an outage in which this PE will have been replaced."""
+        """Log the link status events, and begin anew after an outage in which this PE may have been replaced."""
         for port, link in enumerate(self._links):
             for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))
@@ -152,7 +151,7 @@ class AgentDriver:
                 taken = f"another node has taken node-ID {self._table.node_id}"
                 self._tell(Note("clash", f"{taken}; this node stays silent until that node is gone"))
                 is_told = True
-            self._service.lives(time.monotonic_ns())  # it may be silent for long, which is no failure of this service
+            self._service.lives(time.monotonic_ns())  # the PE may be silent for long without a failure of this service
             self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
             if self._stopping:
                 return
@@ -180,14 +179,14 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Tell the core which frames have left for a radio; without a known time the next one leaves immediately."""
+        """Tell the core which frames have left for a radio, and after what time in the controller."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:
                     self._step(time.monotonic_ns(), Left(port, took_ns))
 
     def _arrivals(self, links: Sequence[tuple[int, AnyLink]]) -> list[tuple[Arrival, int]]:
-        """Frames that have arrived on some ports, in the order of arrival."""
+        """Read the frames that have arrived on some ports; gives them with their ports, in the order of arrival."""
         found = []
         for port, link in links:
             found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]

@@ -2,9 +2,8 @@
 
 `package.module:Class` is imported directly, so that a user's own code needs no entry in a catalogue. A bare name is
 looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
-names to `package.module:Class`. An image is imported when it is first needed: a PE loads only the code that it runs.
-
-A catalogue that cannot be loaded does not affect the others; the message about an unknown name mentions it.
+names to `package.module:Class`. An image is imported when it is first needed, so a PE loads only the code that it runs.
+A catalogue that cannot be loaded does not affect the others, and is mentioned in the message about an unknown name.
 """
 
 import difflib
@@ -21,7 +20,7 @@ _GROUP = "heronry.images"
 
 
 class UnknownImageError(HeronryError, LookupError):
-    """No such image; the message says what to write instead."""
+    """An image does not exist or cannot be imported; the message says what to write instead."""
 
 
 def find_image(name: str) -> type[Module]:
@@ -48,7 +47,7 @@ def find_image(name: str) -> type[Module]:
 
 
 class _Catalogues(NamedTuple):
-    """All catalogues of this installation as one, and one sentence about each that cannot be loaded."""
+    """All catalogues of this installation as one mapping, and a sentence for each that cannot be loaded."""
 
     images: Mapping[str, str]
     broken: tuple[str, ...]
@@ -56,7 +55,7 @@ class _Catalogues(NamedTuple):
 
 @cache
 def _catalogues() -> _Catalogues:
-    """Load every catalogue; of two with the same image name, that of the first entry point by name counts."""
+    """Load every catalogue; if two have the same image name, the one whose entry point comes first by name counts."""
     images: dict[str, str] = {}
     broken: list[str] = []
     for offered in sorted(entry_points(group=_GROUP), key=lambda one: one.name, reverse=True):

@@ -1,8 +1,8 @@
-"""The boot count of a PE, 0..255: it shows other nodes a restart, even one within one heartbeat period.
+"""The boot count of a PE, 0..255, which shows other nodes a restart, even within one heartbeat period.
 
-If it is kept in a folder it goes up by one with each start: the file is replaced as a whole and fsynced before the
-agent sends its first frame, so a crash at any byte leaves the old number or the new one. Without a folder, or where the
-file does not hold a number, the count is drawn from the clock, and one restart in 256 is not recognized.
+If the count is kept in a folder, it goes up by one with each start. Its file is replaced as a whole and fsynced before
+the agent sends its first frame, so a crash at any moment leaves the old number or the new one. Without a folder, or if
+the file does not hold a number, the count is drawn from the clock, and one restart in 256 is not recognized.
 """
 
 import os
@@ -16,11 +16,11 @@ _NS_PER_MS = 1_000_000
 
 
 class IncarnationError(HeronryError):
-    """The boot count cannot be kept; the message is one sentence with the remedy."""
+    """The file of the boot count cannot be written; the message is one sentence with the remedy."""
 
 
 def next_incarnation(folder: Path | None, node: int) -> int:
-    """Give the number of this start, and keep it where there is a folder; raises IncarnationError."""
+    """Give the boot count of this start, and write it to `folder` if that is given; raises IncarnationError."""
     if folder is None:
         return _drawn()
     file = folder / f"pe-{node}.incarnation"

@@ -1,13 +1,12 @@
-"""Modules as objects: built, stepped, carried over into another mode, dropped; an exception becomes one line.
+"""Builds modules as objects, steps them, carries them over into another mode, and drops them.
 
-The same code runs modules in a partition of a node and in the process of a simulator. It knows no bus, no table and no
-other process. A module is
+The same code runs modules in a partition of a node and in the process of the simulator. It uses no bus, no table and no
+other process, and turns an exception of a module into one line of text. A module is
 
-    built    by `start`, from its image; of one that was kept, `mode_changed` is called first, and it goes on if that is
-             True
-    stepped  by `step`: its outputs, writes, reports and requests come back as one value, of which only the form is
-             checked
-    kept     by `stop(keep=True)`: not stepped, until `start` names it again or `stop` drops it
+    built    by `start`, from its image. If the module was kept, `mode_changed` is called first, and the module goes on
+             as it is if that returns True
+    stepped  by `step`: its outputs, writes, reports and requests are returned as one Result; only their form is checked
+    kept     by `stop(keep=True)`: not stepped, until `start` continues it or `stop` drops it
 
 A second `start` of a module that runs builds it anew.
 """
@@ -23,7 +22,7 @@ _MOST_DETAIL = 0xFFFF
 
 
 class Orders(NamedTuple):
-    """Name, image, mode and period (ns) with which a module is to run."""
+    """Name, image, mode and period (ns) with which a module is to run, and whether it has a device."""
 
     name: str
     image: str
@@ -34,7 +33,7 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Result of one step."""
+    """Result of one step of a module."""
 
     outputs: Mapping[str, Value]
     writes: tuple[Value, ...] = ()
@@ -89,7 +88,7 @@ class ModuleRunner:
     """Builds and steps the modules of one process."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
-        """`clock` gives the time in nanoseconds while a module computes."""
+        """clock: gives the present time in ns, also while a module computes."""
         self._clock = clock
         self._classes: dict[str, type[Module]] = {}
         self._running: dict[int, tuple[Module, _Context, str]] = {}
@@ -134,7 +133,7 @@ class ModuleRunner:
         """Let a module compute one period; gives the result, or the reason if the step failed."""
         held = self._running.get(module)
         if held is None:
-            return "it was never built"
+            return "the module was never built"
         code, context, _ = held
         context.now_ns, context.until_ns, context.reading = now_ns, until_ns, reading
         context.writes, context.reports, context.phases = [], [], []
@@ -143,12 +142,12 @@ class ModuleRunner:
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
             context.writes, context.reports, context.phases = [], [], []  # they may hold the memory that ran out
             return one_line(error)
-        if not isinstance(outputs, dict | Mapping):  # mostly a dict, which is recognized quickly
-            return f"its step gave {type(outputs).__name__}, not a mapping"
+        if not isinstance(outputs, dict | Mapping):  # a dict, the usual case, is recognized quickly
+            return f"the module's step gave {type(outputs).__name__}, not a mapping"
         return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
-        """Tell whether a module that was kept goes on in its new mode."""
+        """Carry a kept module over into its new mode, and tell whether it goes on there."""
         code, context, _ = held
         context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
         try:

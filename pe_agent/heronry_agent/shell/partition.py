@@ -1,14 +1,14 @@
-"""A partition: the process in which a group of modules computes, with one socket to its agent and nothing else.
+"""A partition: the process in which a group of modules computes. It has one socket to its agent, and no other link.
 
     python -m heronry_agent.shell.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
-The partition has no bus, no table and no key: it executes the orders that come on the socket one after the other, and
-answers each step immediately (`partition_messages`): so the agent knows which module was computing when the process
+The partition has no bus, no table and no key. It executes the orders that come on the socket one after the other, and
+answers each step immediately (`partition_messages`), so that the agent knows which module was computing if the process
 ends. An exception of a module becomes an answer.
 
-Nothing here outlives the agent. The kernel kills this process when the agent dies (PR_SET_PDEATHSIG), even in the
-middle of a step, and a closed socket ends it. An agent that stands still sends no orders, and so no module computes; a
-step that was ordered before, but whose turn comes after its authorization has ended (`until_ns`), is not computed.
+No partition outlives its agent: the kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
+of a step, and a closed socket ends it. If the agent hangs it sends no orders, so no module computes; a step that was
+ordered before is not computed if its authorization (`until_ns`) has ended when its turn comes.
 
 A partition leaves no core file, which would take seconds.
 """
@@ -46,14 +46,14 @@ _DESCRIPTORS = 65_536
 
 
 class Partition:
-    """Executes the orders for the modules of this process."""
+    """Executes the agent's orders in this process."""
 
     def __init__(self, runner: ModuleRunner) -> None:
         self._runner = runner
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
     def accept(self, packet: bytes) -> Iterator[bytes]:
-        """Execute the orders of a packet one by one; gives the answers."""
+        """Execute the orders in a packet one by one, and give the answers."""
         for order in decode_orders(packet):
             answer = self._accept(order)
             if answer is not None:
@@ -104,7 +104,7 @@ def main(arguments: list[str]) -> int:
     os.closerange(SOCKET + 1, _DESCRIPTORS)  # descriptors that the agent has inherited
     os.set_inheritable(SOCKET, False)  # else a program started by a module would hide the end of this process
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
     partition = Partition(ModuleRunner(time.monotonic_ns))
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread
         while packet := os.read(SOCKET, _PACKET_BYTES):

@@ -1,16 +1,16 @@
-"""The memory of a partition with its child processes and shared memory: control groups (Linux, cgroup v2).
+"""Limits the memory of a partition, with its child processes and shared memory, by control groups (cgroup v2).
 
 RLIMIT_DATA (`partition_process`) limits each process by itself, and counts neither shared memory nor the child
-processes of a module. The group of a partition counts all of these, and ends all of them. Groups are used if the agent
-was started in a group of its own to divide, marked with the attribute `user.delegate`, as systemd does for `Delegate=`;
-no other group is changed. Processes may be in leaves only (cgroups(7)), so the agent moves down first:
+processes of a module. The control group of a partition counts them, and can end them all. Groups are used if the agent
+was started in a group that it may divide, marked with the attribute `user.delegate`, as systemd does for `Delegate=`;
+no other group is changed. Processes may be only in leaf groups (cgroups(7)), so the agent first moves to a leaf:
 
     heronry-agent@nav.service     delegated
         agent                     the agent
-        partition.4711            a partition, by its process number, until nothing of it is left
+        partition.4711            a partition, named by its process number, until all its processes have ended
 
 A group is *unlimited* while its partition loads, then *limited*. The kernel kills a partition that exceeds the limit,
-with all of its processes. A failure in this file costs this second limit and nothing else.
+with all of its processes. If a function of this file fails, this second limit is missing, and nothing else is affected.
 """
 # ruff: noqa: PTH103, PTH106, PTH112, PTH123 - without pathlib, like all of the agent's own files
 
@@ -23,11 +23,11 @@ from heronry_agent.core.vocabulary import Note
 _MARK = "user.delegate"
 _AGENT = "agent"
 _OWN_HIERARCHY = "0::"  # the line of /proc/self/cgroup for version 2
-_NO_MEMORY = "the kernel counts no memory in control groups: add cgroup_enable=memory to its command line"
+_NO_MEMORY = "the kernel counts no memory in control groups: add cgroup_enable=memory to the kernel's command line"
 
 
 class PartitionGroup:
-    """The group of one partition."""
+    """The control group of one partition."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -50,7 +50,7 @@ class PartitionGroup:
         return False
 
     def remove(self) -> bool:
-        """Remove the group; tells whether it is gone."""
+        """Try to remove the group, and tell whether it is gone."""
         with suppress(OSError):
             os.rmdir(self._folder)
         return not os.path.isdir(self._folder)
@@ -60,7 +60,7 @@ class PartitionGroups:
     """The delegated group of the agent, divided into one group per partition."""
 
     def __init__(self, folder: str) -> None:
-        """Move this process into a leaf and have the kernel count memory below. Raises OSError."""
+        """Move this process into a leaf group, and have the kernel count memory in the leaves; raises OSError."""
         self._folder = folder
         self._ended: list[PartitionGroup] = []
         _enter(f"{folder}/{_AGENT}", os.getpid())
@@ -80,13 +80,13 @@ class PartitionGroups:
     def retire(self, group: PartitionGroup) -> bool:
         """Remove the group of a partition that has ended; tells whether the kernel killed it for its memory."""
         ran_out = group.ran_out()
-        if not group.remove():  # its child processes may take a moment longer to end
+        if not group.remove():  # child processes of the partition may take a moment longer to end
             self._ended.append(group)
         return ran_out
 
 
 def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
-    """Divide the group of this process if it was delegated; notes the reason if that fails."""
+    """Divide the group of this process if it was delegated; None, and a note with the reason, if that fails."""
     folder = _own_folder()
     if folder is None or not _is_delegated(folder):
         return None
@@ -96,7 +96,7 @@ def open_groups(tell: Callable[[Note], None]) -> PartitionGroups | None:
         reason = _NO_MEMORY
     except OSError as error:
         reason = str(error)
-    tell(Note("partitions", f"no control groups, RLIMIT_DATA alone limits them: {reason}"))
+    tell(Note("partitions", f"no control groups, RLIMIT_DATA alone limits partitions: {reason}"))
     return None
 
 

@@ -1,20 +1,21 @@
-"""The module host of a node: the modules run in partitions, and the agent's loop never waits for one.
+"""Runs the modules of a node in partitions, without ever making the agent's loop wait.
 
-The host takes the actions of the core and gives events in answer. The simulator has a host of its own for the same
-actions and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
+The host takes the actions of the core and gives events in answer. The simulator has another host for the same actions
+and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
 
-    absent    until one of its modules is started, or until it is warmed up: one partition a second once the PE runs
-              modules, so that no exec delays a reconfiguration in flight
-    loading   its process imports the code of all its modules in the table. Modules that are started meanwhile are
-              ordered afterwards; a step is given back as `NotReady` then, for the core to order it with new inputs
-    running   it executes its orders, one after the other
-    ending    killed, and not reaped yet; the loop does not wait for that, and its successor may start
+    absent    until one of its modules is started, or until the host starts its process in advance: one partition per
+              second once the PE runs modules, so that no exec delays a reconfiguration in flight
+    loading   its process imports the code of all its modules in the table. When it has loaded, the host starts the
+              modules that the core has started meanwhile, and gives their steps back as `NotReady`, so that the core
+              orders them again with present inputs
+    running   its process executes orders, one after the other
+    ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
 
-A partition that breaks the exchange is ended: for an answer without an order, a packet that cannot be read, or one that
-is too long. So a flood ends after one packet. The core decides which module is charged: the host only reports that a
-partition has ended, and why. The core has the steps measured for which it waits. For a step of a module that was
-stopped since it does not wait, and the orders behind that step would wait for ever: the host ends such a partition when
-the step has spent the time after which a module counts as hanging.
+The host ends a partition that sends an answer without an order, a packet that cannot be read, or one that is too long;
+so a flood ends after one packet. The host only reports that a partition has ended, and why; the core decides which
+module counts as failed. The core also decides when a step hangs, but it does not wait for the step of a module that has
+been stopped since. If such a step hangs, the orders behind it would wait for ever; so the host itself ends the
+partition when the step has spent the time after which a module counts as hanging.
 """
 
 import time
@@ -79,12 +80,12 @@ class PartitionHost:
         self._groups = groups
         self._entries = {module.index: module for module in table.modules}
         self._processes: dict[str, PartitionProcess] = {}
-        self._load_by_ns: dict[str, int] = {}  # loading partitions
-        self._waiting: dict[str, list[StartModule]] = {}  # to be sent when it is loaded
-        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # to be given back then as NotReady
+        self._load_by_ns: dict[str, int] = {}  # time limit of each partition that loads
+        self._waiting: dict[str, list[StartModule]] = {}  # starts to send when the partition has loaded
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # steps to give back then as NotReady
         self._modes: dict[int, int] = {}
-        self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each running module, by path
-        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether to report it to the core
+        self._numbers: dict[int, dict[str, int]] = {}  # numbers of the leaves of each running module, by path
+        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether to report the end to the core
         self._cold = sorted({module.partition for module in table.modules}, reverse=True)
         self._warm_ns = NEVER_NS
 
@@ -99,7 +100,10 @@ class PartitionHost:
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Carry out an action on modules or devices; gives the event for the core, if there is one immediately."""
+        """Carry out an action on modules or devices.
+
+        Gives the event for the core, if the action has one immediately.
+        """
         match action:
             case StepModule():
                 self._step(action, now_ns)
@@ -122,12 +126,12 @@ class PartitionHost:
         return None
 
     def flush(self, now_ns: int) -> None:
-        """Send the orders that `carry_out` has collected; called once, at the end of a turn."""
+        """Send the orders that `carry_out` has collected; the driver calls this once at the end of a turn."""
         for process in self._processes.values():
             process.flush(now_ns)
 
     def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
-        """Events from the answers of the partitions and from time; `ready` are the partitions that select named."""
+        """Give the events from answers and time limits of partitions; `ready`: the partitions that select has named."""
         events: list[ModuleEvent] = []
         for process in list(self._processes.values()):
             if process in ready or (process.gathers and now_ns >= process.look_ns):
@@ -144,14 +148,14 @@ class PartitionHost:
         return events
 
     def abandon(self) -> None:
-        """End all partitions without events, and make every device safe. Modules start in new partitions afterwards."""
+        """End all partitions without events, and make every device safe; modules may then start in new partitions."""
         self._ending = [(process, False) for process, _ in self._ending]
         for name in list(self._processes):
             self._end(name, tell=False)
         self._devices.make_all_safe(time.monotonic_ns())
 
     def close(self) -> None:
-        """End all partitions as `abandon` does, and wait until no process is left."""
+        """End all partitions as `abandon` does, and wait until every process has ended."""
         self.abandon()
         while self._ending:
             self._reap()
@@ -168,7 +172,7 @@ class PartitionHost:
             try:
                 self._spawn(name, now_ns)
             except OSError as error:
-                return StartFailed(action.module, f"no process for partition {name}: {error.strerror}")
+                return StartFailed(action.module, f"partition {name} cannot be started: {error.strerror}")
         if self._warm_ns == NEVER_NS and self._cold:
             self._warm_ns = now_ns + WARM_UP_NS
         if self._processes[name].loading:
@@ -198,7 +202,7 @@ class PartitionHost:
         name = self._entries[action.module].partition
         process = self._processes.get(name)
         if process is None:
-            return  # it has just ended; the event for the core follows
+            return  # the partition has just ended; the event for the core follows
         if process.loading:
             self._held[name].append(action)
             return
@@ -216,7 +220,7 @@ class PartitionHost:
         if unwanted is not None:
             stopped, spent_ns = unwanted
             if spent_ns >= hung_ns(self._rate_mhz(self._entries[stopped])):
-                process.broken = "it hangs in a module that was stopped"
+                process.broken = "it hangs in a step of a module that was stopped"
         return StepMeasured(action.module, action.release, process.spent_ns(action.module, action.release, now_ns))
 
     # Answers of the partitions
@@ -287,11 +291,11 @@ class PartitionHost:
             self._warm_ns = NEVER_NS
             return
         name = self._cold.pop()
-        with suppress(OSError):  # the next start of one of its modules tries again
+        with suppress(OSError):  # the next start of one of the partition's modules tries again
             self._spawn(name, now_ns)
 
     def _look_at_loading(self, process: PartitionProcess, now_ns: int) -> None:
-        """Give up a partition that has spent too much time on loading its code."""
+        """End a partition that has spent too much time on loading its code."""
         left_ns = LOADING_NS - process.loading_ns(now_ns)
         if left_ns <= 0:
             process.broken = "it does not finish loading its code"

@@ -1,4 +1,4 @@
-"""The messages between an agent and a partition: packets on one socket, of several orders or of one answer.
+"""The messages between an agent and a partition: packets on one socket, each with several orders or one answer.
 
     agent to partition            partition to agent
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
@@ -7,14 +7,14 @@
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, phases
                                   STEP_FAILED  release, reason
 
-A partition trusts its agent: orders are plain values in the format of Python's `marshal`, of which both ends run the
-same version. The agent does not trust an answer: `decode_answer` gives a value for every packet, `Garbled` for one that
-is no answer. A value that is not a plain one cannot be carried, which is a failure of the module that gave it
-(`Uncarriable`).
+A partition trusts its agent: orders are plain values in the format of Python's `marshal`, whose version is the same at
+both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for one that is
+no answer. If a module gives a value that is not plain, it cannot be sent, and the module has failed (`Uncarriable`).
 
-Leaves are named once, in START, and numbered from then on. In an answer numbers are little-endian, and a text has its
-length in two bytes before it. The outputs of a module have the same names and types from one step to the next: STEPPED
-begins with these, which either end decodes once and then recognizes by their bytes; all values follow as numbers.
+START names the leaves of a module; later messages refer to a leaf by its number. In an answer numbers are
+little-endian, and the length of a text stands in two bytes before it. The outputs of a module usually have the same
+names and types in every step. STEPPED begins with these names and types, which each end decodes once and then
+recognizes by their bytes; the values follow.
 """
 
 import marshal
@@ -33,18 +33,18 @@ SOCKET = 3
 """File descriptor of the socket in the partition."""
 
 ANSWER_BYTES = 16_384
-"""Longest packet of a partition; the agent's buffer has one byte more, so that it notices a longer one."""
+"""Longest packet of a partition; the agent's buffer has one byte more, so that the agent notices a longer packet."""
 
 Input = tuple[int, Value, int, int, bool]
 """A datum at a leaf: the leaf's number, then the fields of `Datum`."""
 
-_LIST = 0xFFFF  # entries of a list, bytes of a text
-_LAYOUTS, _LAYOUT_BYTES = 256, 1024  # layouts that are kept, and how long the longest of them is in a packet
+_LIST = 0xFFFF  # most entries of a list, most bytes of a text
+_LAYOUTS, _LAYOUT_BYTES = 256, 1024  # most layouts that are kept, and longest one that is, in bytes
 _T = TypeVar("_T")
 
 
-class Uncarriable(ValueError):  # noqa: N818 - it is a value that cannot be carried, and read as one
-    """A value is not a plain one, or too large; the message says which."""
+class Uncarriable(ValueError):  # noqa: N818 - the name describes a value
+    """A module gave a value that is not plain, or too large; the message says which."""
 
 
 class _Kind(IntEnum):
@@ -61,7 +61,7 @@ class Load(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Let a module run; `leaves` are (path, variable) in the order of STEP."""
+    """Let a module run; `leaves` has (path, variable) of each leaf, in the order of the numbers in STEP."""
 
     module: int
     orders: Orders
@@ -76,7 +76,7 @@ class Stop(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Let a module compute: the time, the end of its authorization, the reading of its device, and its inputs."""
+    """Let a module compute one step, from the reading of its device and its inputs, unless `until_ns` has passed."""
 
     module: int
     release: int
@@ -90,19 +90,19 @@ class Step(NamedTuple):
 class Loaded:
     """The code of all images has been imported, except `missing`."""
 
-    missing: Mapping[str, str]  # image -> reason
+    missing: Mapping[str, str]  # image -> reason why it cannot be loaded
 
 
 @dataclass(frozen=True, slots=True)
 class StartRefused:
-    """A module could not be built."""
+    """A module could not be built, for `reason`."""
 
     module: int
     reason: str
 
 
 class Done(NamedTuple):
-    """A step has ended, at this time of the monotonic clock."""
+    """A step has ended, at `ended_ns` of the monotonic clock."""
 
     module: int
     release: int
@@ -112,7 +112,7 @@ class Done(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """A step has failed."""
+    """A step has failed, for `reason`."""
 
     module: int
     release: int
@@ -121,7 +121,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Garbled:
-    """A packet that is no answer."""
+    """A packet from a partition is no answer, for `reason`."""
 
     reason: str
 
@@ -132,13 +132,16 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """The part of the answers to a step that stays from one to the next; both ends keep layouts that they have seen."""
+    """Names and types in the answer to a step.
+
+    They rarely change, so both ends keep the layouts that they have seen.
+    """
 
     outputs: tuple[str, ...]
-    types: tuple[str, ...]  # of the outputs, then of the writes: a letter, and a length where there is one
+    types: tuple[str, ...]  # of the outputs, then of the writes: a letter, with a length where the type has one
     reports: tuple[str, ...]
     phases: tuple[str, ...]
-    values: struct.Struct  # all that follows: the values, and a detail for each report
+    values: struct.Struct  # what follows the layout: the values, and a detail for each report
     is_plain: bool  # every value is one number
 
 
@@ -151,7 +154,7 @@ _ORDERS: tuple[type[Order], ...] = (Load, Start, Stop, Step)
 
 
 def encode_orders(orders: Iterable[Order]) -> bytes:
-    """Packet of the agent."""
+    """Encode orders as one packet."""
     return marshal.dumps([(_ORDERS.index(type(order)), *map(_plain, order)) for order in orders])
 
 
@@ -160,17 +163,17 @@ def _plain(field: object) -> object:
 
 
 def decode_orders(packet: bytes) -> Iterator[Order]:
-    """Orders in a packet of the agent."""
+    """Decode the orders in a packet of the agent."""
     for kind, *fields in marshal.loads(packet):  # noqa: S302 - a partition trusts its agent
         order = _ORDERS[kind]
         yield Start(fields[0], Orders(*fields[1]), fields[2]) if order is Start else order(*fields)
 
 
 def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
-    """Packet of a partition; raises Uncarriable."""
+    """Encode an answer as a packet; raises Uncarriable."""
     packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
-        raise Uncarriable(f"it gives {len(packet)} bytes at once, more than {ANSWER_BYTES}")
+        raise Uncarriable(f"a step gives {len(packet)} bytes, more than {ANSWER_BYTES}")
     return packet
 
 
@@ -188,7 +191,7 @@ def _stepped(answer: Done) -> bytes:
 
 
 def _type(value: object) -> str:
-    """Letter of a value's type, with its length."""
+    """Type of a value as a letter, with its length where the type has one."""
     match value:
         case float():
             return "f"
@@ -204,7 +207,7 @@ def _type(value: object) -> str:
 
 
 def _flat(values: Iterable[Value]) -> Iterator[Value]:
-    """Values as `struct` takes them."""
+    """Give the values in the form that `struct` packs."""
     for value in values:
         if isinstance(value, tuple):
             yield from value
@@ -214,10 +217,10 @@ def _flat(values: Iterable[Value]) -> Iterator[Value]:
 
 @lru_cache(_LAYOUTS)
 def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
-    """Bytes of the names and types of a step's answer, and their layout."""
+    """Encode the names and types in the answer to a step; gives the bytes, and the layout."""
     head = b"".join([_list(names, _text) for names in shape])
     if len(head) > _LIST:
-        raise Uncarriable(f"it gives {len(head)} bytes of names at once")
+        raise Uncarriable(f"a step gives {len(head)} bytes of names, too many for one answer")
     return head, _layout(*shape)
 
 
@@ -226,7 +229,7 @@ def _read(head: bytes) -> _Layout:
     reader = _Reader(head)
     shape = [tuple(reader.list(reader.text)) for _ in range(4)]
     if reader.at != len(head) or len(shape[0]) > len(shape[1]):
-        raise ValueError("its names contradict themselves")
+        raise ValueError("its names do not match its types")
     return _layout(*shape)
 
 
@@ -251,7 +254,7 @@ def _other(answer: Loaded | StartRefused | Failed) -> bytes:
 
 
 def decode_answer(packet: bytes) -> Answer:
-    """Answer in a packet of a partition; `Garbled` for any packet that is no answer."""
+    """Decode a packet of a partition; `Garbled` for any packet that is no answer."""
     if len(packet) > ANSWER_BYTES:
         return Garbled("a packet is too long")
     try:
@@ -266,7 +269,7 @@ def _done(packet: bytes) -> Done:
     head = packet[_STEPPED.size : begin]
     layout = _read(head) if length <= _LAYOUT_BYTES else _read.__wrapped__(head)
     if len(packet) != begin + layout.values.size:
-        raise ValueError("it is not as long as it says")
+        raise ValueError("it does not have the length that its layout needs")
     numbers = layout.values.unpack_from(packet, begin)
     values = numbers[: len(layout.types)] if layout.is_plain else tuple(_values(layout.types, iter(numbers)))
     count = len(layout.outputs)
@@ -277,7 +280,7 @@ def _done(packet: bytes) -> Done:
 
 
 def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:
-    """Values from the numbers and bytes that `struct` has read."""
+    """Give the values, from the numbers and bytes that `struct` has unpacked."""
     for kind in types:
         match kind[0]:
             case "s":
@@ -300,33 +303,33 @@ def _decode_other(reader: "_Reader") -> Answer:
             answer = StartRefused(module, reader.text())
         else:
             return Garbled(f"a packet of kind {kind} is no answer")
-    return answer if reader.at == len(reader.packet) else Garbled("a packet has more in it than it says")
+    return answer if reader.at == len(reader.packet) else Garbled("a packet has bytes beyond its last value")
 
 
 def _text(text: object) -> bytes:
     if not isinstance(text, str):
-        raise Uncarriable(f"a name is {text!r:.60}, which is no text")
+        raise Uncarriable(f"a name is {text!r:.60}, which is not text")
     data = text.encode("utf-8", "replace")
     if len(data) > _LIST:
-        raise Uncarriable(f"a text has {len(data)} bytes")
+        raise Uncarriable(f"a text has {len(data)} bytes, too many for one answer")
     return _COUNT.pack(len(data)) + data
 
 
 def _list(items: Iterable[_T], encode: Callable[[_T], bytes]) -> bytes:
     parts = [encode(item) for item in items]
     if len(parts) > _LIST:
-        raise Uncarriable(f"it gives {len(parts)} values at once")
+        raise Uncarriable(f"a step gives {len(parts)} values, too many for one answer")
     return _COUNT.pack(len(parts)) + b"".join(parts)
 
 
 class _Reader:
-    """Reads a packet from its front; raises struct.error or ValueError where it ends too early."""
+    """Reads a packet from front to back; raises struct.error or ValueError where the packet ends too early."""
 
     def __init__(self, packet: bytes) -> None:
         self.packet, self.at = packet, 0
 
     def take(self, layout: struct.Struct) -> tuple[int, ...]:
-        """Read the numbers of a layout."""
+        """Read the numbers that a struct describes."""
         found = layout.unpack_from(self.packet, self.at)
         self.at += layout.size
         return found
@@ -340,9 +343,9 @@ class _Reader:
         return found
 
     def text(self) -> str:
-        """Read a text with its length before it."""
+        """Read a text, which follows its length."""
         return self.bytes(self.take(_COUNT)[0]).decode()
 
     def list(self, read: Callable[[], _T]) -> list[_T]:
-        """Read a list of items, each with `read`; its length stands before it."""
+        """Read a list, which follows its length; `read` reads one item."""
         return [read() for _ in range(self.take(_COUNT)[0])]

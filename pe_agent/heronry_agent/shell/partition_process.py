@@ -1,23 +1,23 @@
-"""One partition on the side of its agent: a process started by exec, one socket to it, its memory limit, its time.
+"""A partition as its agent sees it: a process with one socket, a memory limit, and a measure of the time it spends.
 
 No method ever waits. A packet is sent immediately, or the partition is given up because it does not read; a process is
-reaped when the kernel reports its end. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
-its environment is cut down to what Python needs. From its exec on it has a lower priority than its agent, whose
+reaped when the kernel reports its end. The process is started by exec, not by fork: so it inherits no bus, no key and
+no table, and is smaller. Its environment has only what Python needs. It has a lower priority than its agent, so that
 heartbeats go first.
 
-The orders of one turn of the agent are one packet. For GATHER_NS after it the answers do not wake the agent, so that
-the steps of several modules, and of several partitions, cost the agent one awakening and not one each.
+The orders of one turn of the agent form one packet. For GATHER_NS after it the answers do not wake the agent, so that
+the steps of several modules, and of several partitions, wake the agent once and not once each.
 
-The time that a step *spent* does not include waiting for a processor: for a step that is over, the kernel has counted
-that (schedstat); for an unfinished one, a process that could run is charged its processor time alone, since its present
-wait is not counted yet. Where the kernel does not count waiting, only processor time is known. The waiting time before
-a step is read once in SAMPLE_NS, and anew after a step that was late: the waiting in the steps since that reading is
-subtracted as well, which is in favour of the module. The agent may have to wait for a processor, too: a step begins
-when its order was sent, and is over when its answer has arrived, read or not.
+The time that a step has *spent* does not include waiting for a processor. For a finished step the kernel has counted
+that wait (schedstat). For an unfinished step the present wait is not counted yet: if the process is ready to run, only
+its processor time is charged. If the kernel does not count waiting, only processor time is known. The waiting time
+before a step is read once in SAMPLE_NS, and again after a late step; the waits in the steps since the last reading are
+subtracted as well, which favours the module. The agent too may have to wait for a processor, so a step begins when its
+order was sent, and ends when its answer has arrived, whether the agent has read it or not.
 
-Memory: when the code has been loaded, the agent sets RLIMIT_DATA to what the process holds then, plus what the spec
-gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that exceeds the
-limit gets a MemoryError in its own step, or the process ends in C code. Where the agent has control groups
+When the code has been loaded, the agent sets RLIMIT_DATA to the memory that the process holds, plus the RAM that the
+spec gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that exceeds the
+limit gets a MemoryError in its own step, or the process ends in C code. If the agent has control groups
 (`partition_groups`), the same limit holds for the partition with its child processes and shared memory; the kernel
 kills a partition that exceeds it.
 """
@@ -41,7 +41,7 @@ SAMPLE_NS = 1_000_000_000
 
 _INHERITED = ("HOME", "LANG", "LD_LIBRARY_PATH", "PATH", "TZ", "VIRTUAL_ENV")
 _STATM_DATA, _PAGE_BYTES = 5, os.sysconf("SC_PAGE_SIZE")
-_CPU_CLOCK = 2  # of a process by its number, as clock_getcpuclockid(3) makes it
+_CPU_CLOCK = 2  # clock number of a process's CPU time, as clock_getcpuclockid(3) makes it
 _RUNNABLE = "R"
 _STANDS_BACK = 5  # steps of "niceness"
 
@@ -52,25 +52,25 @@ class _PendingStep:
 
     module: int
     release: int
-    since_ns: int | None = None  # order sent, or the step before it ended; None: not sent yet
-    cpu_ns: int = 0  # processor time of the partition then
-    is_wanted: bool = True  # its module has not been stopped since
+    since_ns: int | None = None  # when the order was sent, or the step before ended; None: not sent yet
+    cpu_ns: int = 0  # processor time of the partition at that time
+    is_wanted: bool = True  # false if its module has been stopped since
 
 
 class PartitionProcess:
-    """A partition from its exec to its end."""
+    """The process of a partition, from its exec to its end."""
 
     def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
-        """Start the process. `ram` is what the spec gives its modules, in bytes. Raises OSError."""
+        """Start the process; `ram` is the RAM in bytes that the spec gives its modules. Raises OSError."""
         self.name, self._ram, self._groups = name, ram, groups
         self.loading = True
         self.broken: str | None = None  # why the partition cannot be used any more
-        self.refusals_due: Counter[int] = Counter()  # STARTs that it may still refuse, by module
+        self.refusals_due: Counter[int] = Counter()  # STARTs that the partition may still refuse, by module
         self._pending: deque[_PendingStep] = deque()
         self._orders: list[Order] = []  # to be sent when the turn ends
-        self._waited_before_ns = 0  # waiting time when last read, between two steps
-        self._sample_ns = 0  # when to read it again
-        self.gathers = False  # do not select: its answers are read together at `look_ns`
+        self._waited_before_ns = 0  # the process's waiting time when last read, between two steps
+        self._sample_ns = 0  # when to read the waiting time again
+        self.gathers = False  # not to be selected on: the answers are read together at `look_ns`
         self.look_ns = 0
         self._begun_ns = time.monotonic_ns()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -82,7 +82,7 @@ class PartitionProcess:
         self._schedstat = _open(f"/proc/{self.pid}/schedstat")
 
     def fileno(self) -> int:
-        """Number of the socket, for select."""
+        """File descriptor of the socket, for select."""
         return self._socket.fileno()
 
     @property
@@ -92,7 +92,7 @@ class PartitionProcess:
 
     @property
     def computing(self) -> int | None:
-        """Module whose step it computes; None when it has no step to answer."""
+        """Module whose step the partition computes; None when there is no step to answer."""
         return self._pending[0].module if self._pending else None
 
     def send(self, order: Order) -> None:
@@ -110,22 +110,25 @@ class PartitionProcess:
         try:
             self._socket.send(encode_orders(orders))
         except BlockingIOError:
-            self.broken = "it does not read what it is told"
+            self.broken = "it does not read its orders"
         except OSError:
-            pass  # it has ended: that is read from the socket
+            pass  # the process has ended, which the socket will show
         told_ns = time.monotonic_ns()
         for pending in self._pending:
             if pending.since_ns is None:
                 pending.since_ns, pending.cpu_ns = told_ns, cpu_ns
 
     def expect(self, module: int, release: int, now_ns: int) -> None:
-        """Note that a step is ordered."""
+        """Note that a step has been ordered."""
         if not self._pending and now_ns >= self._sample_ns:
             self._waited_before_ns, self._sample_ns = self._waited_ns(), now_ns + SAMPLE_NS
         self._pending.append(_PendingStep(module, release))
 
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
-        """Take the answer to a step; gives what the step has spent in ns, or None when no such step was ordered."""
+        """Take the answer to a step.
+
+        Gives the time in ns that the step has spent, or None if no such step was ordered.
+        """
         if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None
         pending = self._pending.popleft()
@@ -137,23 +140,23 @@ class PartitionProcess:
             return took_ns
         if self._schedstat is None:
             return self._cpu_ns() - pending.cpu_ns
-        self._sample_ns = 0  # the waiting time is read before the next step
+        self._sample_ns = 0  # read the waiting time before the next step
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def disown(self, module: int) -> None:
-        """A module has been stopped: mark its steps as unwanted."""
+        """Mark the steps of a module that has been stopped as unwanted."""
         for pending in self._pending:
             pending.is_wanted = pending.is_wanted and pending.module != module
 
     def unwanted(self, now_ns: int) -> tuple[int, int] | None:
-        """A module that was stopped and still computes, with what its step has spent in ns; None if there is none."""
+        """Give a stopped module that still computes, and the ns that its step has spent; None if there is none."""
         if not self._pending or self._pending[0].is_wanted:
             return None
         first = self._pending[0]
         return first.module, self.spent_ns(first.module, first.release, now_ns)
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """Time in ns that an unfinished step has spent; 0 for one that has not begun, or whose answer has arrived."""
+        """Time in ns that an unfinished step has spent; 0 if it has not begun, or its answer has arrived."""
         if (
             self.loading
             or not self._pending
@@ -168,23 +171,23 @@ class PartitionProcess:
         return max(0, now_ns - pending.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def loading_ns(self, now_ns: int) -> int:
-        """Time in ns that the process has spent since its start."""
+        """Time in ns that the process has spent since its start, without waiting for a processor."""
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns()
         return now_ns - self._begun_ns - self._waited_ns()
 
     def _has_spoken(self) -> bool:
-        """Tell whether there is something to read, or the process has ended."""
+        """Tell whether there is an answer to read, or the process has ended."""
         try:
             self._socket.recv(1, socket.MSG_PEEK)
         except BlockingIOError:
             return False
         except OSError:
-            pass  # it has ended
+            pass  # the process has ended
         return True
 
     def receive(self) -> bytes | None:
-        """Next packet; None when there is none, or the process has ended (`broken`)."""
+        """Read the next packet; None if there is none, or the process has ended (`broken` is set then)."""
         try:
             packet = self._socket.recv(ANSWER_BYTES + 1)
         except BlockingIOError:
@@ -197,14 +200,14 @@ class PartitionProcess:
         return packet
 
     def limit_memory(self) -> None:
-        """Limit its memory to what it holds now, what the spec gives its modules, and SLACK_BYTES."""
+        """Limit the memory of the process to what it holds now, plus the RAM of its modules and SLACK_BYTES."""
         try:
             with open(f"/proc/{self.pid}/statm", encoding="ascii") as statm:  # noqa: PTH123 - no pathlib in the agent
                 held = int(statm.read().split()[_STATM_DATA]) * _PAGE_BYTES
             most = held + self._ram + SLACK_BYTES
             resource.prlimit(self.pid, resource.RLIMIT_DATA, (most, most))
         except (OSError, ValueError):
-            pass  # it has ended: that is read from the socket
+            pass  # the process has ended, which the socket will show
         if self._group is not None:
             self._group.limit(self._ram + SLACK_BYTES)
 
@@ -220,29 +223,29 @@ class PartitionProcess:
             os.kill(self.pid, signal.SIGKILL)
 
     def reap(self) -> str | None:
-        """How the process ended, in words; None while it has not."""
+        """Say how the process ended; None while it has not ended."""
         pid, status = os.waitpid(self.pid, os.WNOHANG)
         if not pid:
             return None
         code = os.waitstatus_to_exitcode(status)
         if self._groups is not None and self._group is not None and self._groups.retire(self._group):
-            return "it took more memory than it was given"
+            return "it took more memory than its limit"
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
     def _waited_ns(self) -> int:
-        """Time in ns that the process has waited for a processor, up to when it last got one."""
+        """Time in ns that the process has waited for a processor, without its present wait."""
         if self._schedstat is None:
             return 0
         try:
             return int(os.pread(self._schedstat, 80, 0).split()[1])
         except (OSError, IndexError):
-            return 0  # it has ended
+            return 0  # the process has ended
 
     def _cpu_ns(self) -> int:
         try:
             return time.clock_gettime_ns((~self.pid << 3) | _CPU_CLOCK)
         except OSError:
-            return 0  # it has ended
+            return 0  # the process has ended
 
 
 def _spawn(name: str, theirs: int) -> int:
@@ -268,7 +271,7 @@ def _open(path: str) -> int | None:
 
 
 def _state(pid: int) -> str:
-    """State of a process as in ps(1); S when it is gone."""
+    """State letter of a process as in ps(1); S when the process is gone."""
     try:
         with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as stat:  # noqa: PTH123
             return stat.read().rpartition(") ")[2][:1]

@@ -1,4 +1,4 @@
-"""From a StartModule of the core to the orders for the process that runs the module."""
+"""Converts a StartModule of the core into the orders for the process that runs the module."""
 
 from heronry_agent.core.schedule import NS_MHZ
 from heronry_agent.core.vocabulary import StartModule

@@ -1,18 +1,18 @@
-"""A PE that was started with its node-ID alone: it waits on the bus until it receives its table by SDO.
+"""A PE without a table: started with its node-ID only, it waits on the bus until it receives its table by SDO.
 
-    waiting   a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services. It sends no
-              state frame, so a manager takes it for down and plans without it
-    given     object 2020h was written with a table that can be used and has the node-ID of this node. The answer still
-              goes out; then the agent starts as if the table had been a file
+    waiting   the node is a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services.
+              It sends no state frame, so a manager counts it as down and plans without it
+    given     object 2020h was written with a table that can be used and has this node-ID. The node still sends the
+              answer; then the agent starts as if the table had come from a file
 
-With a key the node asks a manager that it hears for a fresh start, as every PE does (`authenticity`), and executes only
-LEASE and UNLOCK. It takes a table only while it is unlocked, and only one that is sealed with the key: UNLOCK decides
-when, the seal decides which table, from any sender.
+With a key the node requests a WELCOME from a manager that it hears, as every PE does (`authenticity`), and executes
+only LEASE and UNLOCK. It accepts a table only while it is unlocked, from any sender, but only if the table is sealed
+with the key.
 
-Lost, late, doubled: as in `sdo_server`; a table arrives complete and checked, or not at all. One that cannot be used is
-refused with 0609 0030h, and noted with the reason. Forged: without a key, the sender of the table decides which of the
-code that is installed here will run. So a PE waits for a table only if it was started with that option, meant for a bus
-whose nodes are all trusted, and a PE that has its table takes no other. After a restart the PE waits again.
+`sdo_server` handles lost, late and doubled frames: a table arrives complete and checked, or not at all. A table that
+cannot be used is refused with 0609 0030h, and the reason is logged. Without a key, any sender of a table decides which
+of the code installed on this node will run. So a PE waits for a table only if it was started with that option, meant
+for a bus whose nodes are all trusted, and a PE that has its table accepts no other. After a restart the PE waits again.
 """
 
 import os
@@ -46,16 +46,16 @@ from heronry_wire.sdo import Abort
 
 _WAITING = Facts()
 _NS_PER_S = 1_000_000_000
-_LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
+_LONGEST_WAIT_S = 0.1  # so that the loop soon notices a signal
 
 
 class WaitingCore:
-    """The node as long as it has no table; `table` is the table that it has received."""
+    """The core of a node that waits for its table; `table` is the table that it has received, or None."""
 
     def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
         """Wait as this node (92..125), on a bus of `bitrate` bit/s; the first deadline is now.
 
-        secret: the key of the fleet; with a key only a table sealed with it is taken, and only while unlocked.
+        secret: the key of the fleet; with a key the node accepts only a sealed table, and only while it is unlocked.
         Raises TableError where the node-ID is not that of a PE.
         """
         self.table: PeTable | None = None
@@ -86,7 +86,7 @@ class WaitingCore:
         return self._handlers
 
     def step(self, now_ns: int, event: Received | Tick) -> list[Action]:
-        """Take one event; gives the actions to be done."""
+        """Process one event; gives the actions to execute."""
         out = self._turn.begin(now_ns)
         if isinstance(event, Tick):
             self._canopen.tick()
@@ -98,11 +98,14 @@ class WaitingCore:
         return out
 
     def next_deadline_ns(self) -> int:
-        """Time in ns at which to call with Tick, if no event comes before."""
+        """Time in ns at which to call `step` with a Tick, if no event comes before."""
         return self._canopen.next_ns
 
     def _accept(self, manager: int, command: Command, event: Received) -> None:
-        """Execute a proven command: LEASE, which names the active manager, or UNLOCK for this node; no other."""
+        """Execute a verified command: LEASE, which shows which manager is active, or UNLOCK for this node.
+
+        Ignore others.
+        """
         message = decode_command(command, event.frame.data)
         if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
             return
@@ -120,7 +123,7 @@ class WaitingCore:
             self._turn.note("table", f"a table is refused: {error}")
             return Abort.VALUE
         if table.node_id != self._node:
-            self._turn.note("table", f"a table is refused: it is for node {table.node_id}")
+            self._turn.note("table", f"a table is refused: it is for node {table.node_id}, not for this one")
             return Abort.VALUE
         self._turn.note("table", f"PE {table.name} of {table.spec}")
         self.table = table
@@ -153,7 +156,7 @@ class Waiting:
     """The driver of a WaitingCore: one bus, one select loop."""
 
     def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
-        """`tell` gets every note as it happens."""
+        """tell: called with every note when it is made."""
         self._core, self._link, self._tell = core, link, tell
         link.accept(core.identifiers)
         self._stopping = False
@@ -163,7 +166,7 @@ class Waiting:
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> PeTable | None:
-        """Wait until there is a table and the answer to it is on the bus; None when stopped."""
+        """Wait for a table, until the answer to it is on the bus; gives the table, or None if stopped before."""
         core, link = self._core, self._link
         while not self._stopping:
             readers: list[Any] = [*link.readers, *([sys.stdin] if until_eof else [])]

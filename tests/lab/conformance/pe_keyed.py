@@ -341,7 +341,7 @@ def its_lock_opens_for_a_while() -> None:
         pe.main.command(Control(5, NODE, Operation.UNLOCK, seconds))
         began_ns = pe.run(3)
         equal(_writes(pe), True, "written after UNLOCK")
-        equal(pe.notes("unlock")[-1:], [f"NMT and SDO may write for {opened_s} s"], "notes of an UNLOCK")
+        equal(pe.notes("unlock")[-1:], [f"NMT and SDO writes are allowed for {opened_s} s"], "notes of an UNLOCK")
         pe.main.say(Frame(0, bytes((1, NODE))))
         pe.run(1100)
         equal(pe.main.since(-1, [heartbeat_id(NODE)])[-1].frame.data, b"\x05", "NMT start after UNLOCK")
