@@ -282,7 +282,8 @@ class Deployment:
         current = self.current
         is_done = current is not None and self._activation.move_on(current)
         for epoch in (current, self.next):
-            self._flush(epoch)
+            if epoch is not None:
+                self._flush(epoch)
         return current if is_done else None
 
     def _activate(self, epoch: Reconfiguration) -> None:
@@ -290,9 +291,7 @@ class Deployment:
         self.current, self.next, self._has_given_up = epoch, None, False
         self._stopped.clear()
 
-    def _flush(self, epoch: Reconfiguration | None) -> None:
-        if epoch is None:
-            return
+    def _flush(self, epoch: Reconfiguration) -> None:
         for message in epoch.outbox:
             self._turn.send(COMMAND_OF[type(message)], message)
         epoch.outbox.clear()

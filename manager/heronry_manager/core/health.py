@@ -30,7 +30,7 @@ no PE: the driver hands over all frames before it lets a deadline pass.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from heronry_dg.model import Spec
@@ -91,6 +91,12 @@ class _Record:
     spoke_ns: int = 0  # when it last sent a state, believed or not
     said: int | None = None  # its incarnation in its last state, proven or not
     said_since_ns: int = 0
+    late_after_ns: int = field(init=False)  # these two are read with every frame, and never change
+    silent_after_ns: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.late_after_ns = late_ns(self.period_ns)
+        self.silent_after_ns = silent_ns(self.period_ns, self.misses)
 
     def move(self, event: StandingEvent) -> None:
         """Change the standing by an event; raises InvariantError where the table has no such row."""
@@ -101,13 +107,13 @@ class _Record:
             self.said, self.said_since_ns = incarnation, now_ns
 
     def suspect_ns(self) -> int:
-        return (self.heard_ns or 0) + late_ns(self.period_ns)
+        return (self.heard_ns or 0) + self.late_after_ns
 
     def declare_ns(self) -> int:
-        return (self.heard_ns or 0) + silent_ns(self.period_ns, self.misses)
+        return (self.heard_ns or 0) + self.silent_after_ns
 
     def fallen_silent_ns(self) -> int:
-        return self.spoke_ns + silent_ns(self.period_ns, self.misses)
+        return self.spoke_ns + self.silent_after_ns
 
     def receive_has_failed(self, now_ns: int) -> bool:
         return self.receive_failed_since_ns is not None and now_ns - self.receive_failed_since_ns > t_lease_ns(
