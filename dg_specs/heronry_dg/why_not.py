@@ -6,7 +6,7 @@ everything, round by round). A function outside it has a cause that can be trace
 for lack of resources, or for something better: there the planner may know more, and passes it as `alone`.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.gates import Expression, Leaf, could_hold
@@ -24,6 +24,7 @@ class Feasible:
     now: Situation
     left: Survivors
     lost: dict[tuple[str, str], int]  # (module, mode) that cannot run -> round in which that showed; 0: has no PE
+    producers: Mapping[str, Sequence[tuple[Module, Mode]]]  # of each variable, in the spec's order
 
     def can_run(self, module: Module) -> bool:
         """Tell whether some mode of a module could run."""
@@ -31,7 +32,7 @@ class Feasible:
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
         """Every (module, mode) in the spec that gives a leaf what it accepts, whether it can run or not."""
-        for module, mode in self.spec.producers(leaf.variable):
+        for module, mode in self.producers[leaf.variable]:
             if leaf.accepts(mode.gives[leaf.variable]):
                 yield module, mode
 
@@ -44,11 +45,12 @@ class Feasible:
         return any(when >= before for when in lost)
 
 
-def feasible(spec: Spec, now: Situation) -> Feasible:
-    """Compute what could run in a situation with unlimited resources."""
-    left = survivors(spec, now)
+def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
+    """Compute what could run in a situation with unlimited resources; `left`: its survivors, where they are known."""
+    left = survivors(spec, now) if left is None else left
     every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
-    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)})
+    producers = {variable: list(spec.producers(variable)) for variable in spec.variables}
+    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)}, producers)
     rounds = 0
     while True:
         rounds += 1
