@@ -26,7 +26,10 @@ class Radios:
     @property
     def next_ns(self) -> int:
         """Time in ns at which `passed` has something to send, if no event comes before."""
-        return min((radio.next_ns for radio in self.ports.values()), default=NEVER_NS)
+        due_ns = NEVER_NS
+        for radio in self.ports.values():
+            due_ns = min(due_ns, radio.next_ns)
+        return due_ns
 
     def measure(self, event: Received) -> None:
         """Take note of a frame from a radio; reports that the radio is back, if it was gone."""
