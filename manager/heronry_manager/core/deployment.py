@@ -31,7 +31,6 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.activation import Activation
 from heronry_manager.core.adoption import Adoption
 from heronry_manager.core.epochs import Epochs
@@ -39,6 +38,7 @@ from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
 from heronry_manager.core.memory import Runs
 from heronry_manager.core.observation import Observations, Observed
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.reconfiguration import Cause, Reconfiguration, Stage
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch

@@ -30,13 +30,13 @@ the journal): the phase, latched faults, quarantines, what runs. PEs go on with 
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.numbering import next_term
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.operator_orders import OperatorOrders
 from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.planning import Planning
