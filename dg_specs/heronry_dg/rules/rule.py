@@ -26,7 +26,8 @@ a spec cannot be loaded). Where it is seen:
     findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
 The sentence describes this one case, with names and numbers; the hint says what to write. Then tests/dg/twins needs two
-whole specs, DG299.bad.yaml and DG299.good.yaml, a line apart; and `heronry rules --docs >docs/rules.md`.
+whole specs, DG299.bad.yaml and DG299.good.yaml, a line apart; and `heronry rules --docs >docs/rules.md`. The twins of
+older rules may break the new rule too: mend them, since each must earn its own code alone.
 """
 
 from dataclasses import dataclass, field
