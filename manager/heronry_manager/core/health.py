@@ -30,7 +30,7 @@ no PE: the driver hands over all frames before it lets a deadline pass.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 from heronry_dg.model import Spec
@@ -77,6 +77,8 @@ class _Record:
     period_ns: int
     misses: int
     command_period_ns: int  # of LEASE, where it arrives
+    late_after_ns: int  # these two are read with every frame, and never change
+    silent_after_ns: int
     standing: Standing = Standing.WAITING
     heard_ns: int | None = None
     incarnation: int | None = None
@@ -91,12 +93,6 @@ class _Record:
     spoke_ns: int = 0  # when it last sent a state, believed or not
     said: int | None = None  # its incarnation in its last state, proven or not
     said_since_ns: int = 0
-    late_after_ns: int = field(init=False)  # these two are read with every frame, and never change
-    silent_after_ns: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.late_after_ns = late_ns(self.period_ns)
-        self.silent_after_ns = silent_ns(self.period_ns, self.misses)
 
     def move(self, event: StandingEvent) -> None:
         """Change the standing by an event; raises InvariantError where the table has no such row."""
@@ -136,7 +132,14 @@ class Health:
         self._records = {}
         for pe in spec.pes.values():
             bus = spec.buses[uplink_bus(spec, pe.name)]
-            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses, command_period_ns(spec, pe.name))
+            self._records[pe.name] = _Record(
+                pe.name,
+                bus.heartbeat_ns,
+                bus.misses,
+                command_period_ns(spec, pe.name),
+                late_ns(bus.heartbeat_ns),
+                silent_ns(bus.heartbeat_ns, bus.misses),
+            )
 
     def standing(self, pe: str) -> Standing:
         """Give the standing of a PE."""
