@@ -23,7 +23,6 @@ from heronry_wire.frame import Frame, Malformed, WireError
 from heronry_wire.identifiers import FIRST_PE, HIGH_SERVICE_IDS, LOW_SERVICE_IDS, LSS_IDS
 
 BROADCAST = 0
-ANSWER_WITHIN_NS = 100_000_000
 MAX_BLOCK_BYTES = 1020
 
 _NS_PER_MS = 1_000_000

@@ -11,7 +11,7 @@ from functools import cached_property
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import serving_modules, value_of
-from heronry_dg.situation import Situation, survivors
+from heronry_dg.situation import Situation, Survivors, survivors
 from heronry_dg.traffic import bus_loads_mbit_per_s, hops
 from heronry_dg.why_not import Feasible, feasible, why_not
 
@@ -64,6 +64,10 @@ class Report:
         _ = self.functions, self.pes, self.buses
 
     @cached_property
+    def _left(self) -> Survivors:
+        return survivors(self._spec, self._now)
+
+    @cached_property
     def functions(self) -> Mapping[str, FunctionReport]:
         """How each function is served, or why it is not, in the spec's order."""
         found: Feasible | None = None
@@ -72,7 +76,7 @@ class Report:
             if output is None:
                 reason = self._reasons.get(function.name)
                 if not reason:
-                    found = found or feasible(self._spec, self._now)
+                    found = found or feasible(self._spec, self._now, self._left)
                     reason = why_not(found, function)
                 reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)
             else:
@@ -98,7 +102,7 @@ class Report:
     @cached_property
     def buses(self) -> Mapping[str, BusReport]:
         """Bandwidth used on each bus."""
-        published = hops(survivors(self._spec, self._now), self._configuration)
+        published = hops(self._left, self._configuration)
         return {
             bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * self._spec.buses[bus].bitrate))
             for bus, load in bus_loads_mbit_per_s(self._spec, published).items()

@@ -7,7 +7,7 @@ in the set, the cause can be traced to a fault. If it is in the set, the functio
 in favour of something better; the planner may know which, and passes it as `alone`.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.gates import Expression, Leaf, could_hold
@@ -25,6 +25,7 @@ class Feasible:
     now: Situation
     left: Survivors
     lost: dict[tuple[str, str], int]  # (module, mode) that cannot run -> round in which it was removed; 0: it has no PE
+    producers: Mapping[str, Sequence[tuple[Module, Mode]]]  # of each variable, in the spec's order
 
     def can_run(self, module: Module) -> bool:
         """Tell whether some mode of a module could run."""
@@ -32,7 +33,7 @@ class Feasible:
 
     def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
         """Give every (module, mode) that gives a version which a leaf accepts, whether the mode can run or not."""
-        for module, mode in self.spec.producers(leaf.variable):
+        for module, mode in self.producers[leaf.variable]:
             if leaf.accepts(mode.gives[leaf.variable]):
                 yield module, mode
 
@@ -45,11 +46,12 @@ class Feasible:
         return any(when >= before for when in lost)
 
 
-def feasible(spec: Spec, now: Situation) -> Feasible:
-    """Compute what could run in a situation with unlimited resources."""
-    left = survivors(spec, now)
+def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
+    """Compute what could run in a situation with unlimited resources; `left`: its survivors, where they are known."""
+    left = survivors(spec, now) if left is None else left
     every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
-    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)})
+    producers = {variable: list(spec.producers(variable)) for variable in spec.variables}
+    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)}, producers)
     rounds = 0
     while True:
         rounds += 1

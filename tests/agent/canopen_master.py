@@ -8,7 +8,7 @@ from typing import Any
 
 import canopen
 from canopen import SdoAbortedError
-from canopen.sdo import SdoClient
+from canopen.sdo.client import SdoClient
 
 from agent.one_pe import NODE, OnePe, sent
 from heronry_agent.core.vocabulary import Action

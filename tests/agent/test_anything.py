@@ -12,7 +12,6 @@ from agent.one_pe import (
     RUN_MONITOR,
     RUN_SERVO_2,
     TABLE,
-    command_frame,
     neighbour_state,
     rate_frame,
     slice_messages,
@@ -25,6 +24,7 @@ from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import Activate, Alive, Control, Lease, Operation, Ping, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Tick
+from lab.peers import command_frame
 from thoroughness import part_of
 
 SLICES = (FLYING, Slice((RUN_SERVO_2, RUN_MONITOR), remote={0: NEIGHBOUR, 1: FAR}), Slice())

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agent.canopen_master import Master, refusal
 from agent.one_pe import (
     BEAT_NS,
     FAR,
@@ -34,6 +35,7 @@ from heronry_wire.identifiers import (
 from heronry_wire.management import Alive, Control, Lease, Operation, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Send
+from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeState, StatePage0, StatePage1, StatePage2, StatePage3, decode_state, split_state
 from lab.peers import PlayedManager
 
@@ -160,3 +162,11 @@ def test_a_tag_without_a_byte_is_counted(keyed: Keyed) -> None:
     keyed.pe.hear(keyed.manager.welcome(FAR, 1)[0])
     keyed.pe.hear(Frame(management_id(MANAGER, Command.TAG), b""))
     assert keyed.refused[Refusal.MALFORMED] == 1
+
+
+def test_a_pe_that_runs_takes_its_own_table_sealed_with_the_key_alone(keyed: Keyed) -> None:
+    table, text = Master(keyed.pe).sdo["Table of this PE"], TABLE.to_json().encode()
+    keyed.tell(Control(1, NODE, Operation.UNLOCK, 30))
+    for written, code in ((text, Abort.VALUE), (KEY.sealed(GATEWAY_TABLE.to_json().encode()), Abort.DEVICE_STATE)):
+        assert refusal(lambda written=written: setattr(table, "raw", written)) == code.value
+    table.raw = KEY.sealed(text)

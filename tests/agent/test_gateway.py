@@ -13,7 +13,6 @@ from agent.one_pe import (
     RATE,
     RATE_ID,
     OnePe,
-    command_frame,
     neighbour_state,
     rate_frame,
     sent,
@@ -28,6 +27,7 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.sansio import Received, Withdraw
+from lab.peers import command_frame
 
 UPLINK, RADIO = 0, 1
 

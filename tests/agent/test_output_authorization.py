@@ -13,7 +13,6 @@ from agent.one_pe import (
     NODE,
     SERVO_1,
     OnePe,
-    command_frame,
     neighbour_state,
     rate_frame,
     sent,
@@ -25,6 +24,7 @@ from heronry_wire.identifiers import heartbeat_id
 from heronry_wire.management import Alive, Lease, Step
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.state_frames import PeFlags
+from lab.peers import command_frame
 
 ALL_NODES = frozenset({NEIGHBOUR, NODE})
 

@@ -2,25 +2,14 @@
 
 from dataclasses import replace
 
-from agent.one_pe import (
-    FAR,
-    GATEWAY_TABLE,
-    MS,
-    NEIGHBOUR,
-    NODE,
-    RATE,
-    RATE_ID,
-    OnePe,
-    command_frame,
-    neighbour_state,
-    rate_frame,
-)
+from agent.one_pe import FAR, GATEWAY_TABLE, MS, NEIGHBOUR, NODE, RATE, RATE_ID, OnePe, neighbour_state, rate_frame
 from heronry_agent.core.vocabulary import Action, Left
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.management import Alive, Lease, Prepare, SliceBody, Step
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.state_frames import StatePage0, decode_state
+from lab.peers import command_frame
 
 UPLINK, RADIO = 0, 1
 LINK_ID = 291

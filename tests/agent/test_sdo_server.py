@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 from canopen import ObjectDictionary
-from canopen.sdo import SdoClient
+from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoError
 from hypothesis import given, settings
 from hypothesis import strategies as st

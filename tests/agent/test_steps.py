@@ -17,6 +17,7 @@ from agent.one_pe import (
 )
 from heronry_agent.core.vocabulary import StartFailed
 from heronry_wire.configuration_slice import Slice
+from heronry_wire.identifiers import state_id
 from heronry_wire.management import Activate, Lease, Step
 from heronry_wire.state_frames import PeState, StatePage0
 
@@ -61,3 +62,12 @@ def test_a_module_that_cannot_be_built_is_tried_again_by_the_next_epoch_only() -
     assert started(pe.command(Activate(1, 7, Step.GO_ALL, 1007))) == [SERVO_1]
     pe.configure(FLYING, 8)
     assert pe.running == {CONTROL: 0, SERVO_1: 0}
+
+
+def test_a_pe_takes_other_identifiers_once_it_runs_something_else() -> None:
+    pe = OnePe()
+    before = pe.core.identifiers
+    assert state_id(NEIGHBOUR) in before
+    assert pe.core.identifiers is before
+    pe.configure(FLYING, 1)
+    assert pe.core.identifiers is not before

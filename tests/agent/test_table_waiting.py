@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.canopen_master import objects
-from agent.one_pe import MANAGER, MS, NODE, TABLE, Message, command_frame, sent
+from agent.one_pe import MANAGER, MS, NODE, TABLE, Message, sent
 from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_agent.shell.table_waiting import WaitingCore
@@ -22,13 +22,14 @@ from heronry_wire.pe_table import TableError
 from heronry_wire.sansio import Received, Send
 from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeState, StatePage2, StatePage3, decode_state
-from lab.peers import PlayedManager, SteppedCore
+from lab.peers import PlayedManager, SteppedCore, command_frame
 
 
 class Waiting(SteppedCore):
     """The core and its time."""
 
     def __init__(self, secret: Secret | None = None) -> None:
+        self.core: WaitingCore
         super().__init__(WaitingCore(NODE, 1_000_000, 0, secret), 0)
 
     def ask(self, message: bytes) -> tuple[list[bytes], list[str]]:

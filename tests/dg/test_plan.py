@@ -26,8 +26,7 @@ from heronry_dg.plan import (
     read_situation,
 )
 from heronry_dg.shipped import shipped_spec_path
-from heronry_dg.situation import Situation, situation
-from heronry_dg.why_not import Feasible, feasible
+from heronry_dg.situation import Situation, Survivors, situation, survivors
 from planner.enumerator import Enumerator
 from planner.random_specs import random_case
 from thoroughness import part_of
@@ -191,11 +190,12 @@ def test_a_plan_is_read_back_as_it_was(rng: random.Random) -> None:
 def test_a_report_is_worked_out_when_it_is_read_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Situation] = []
 
-    def feasible_noted(spec: Spec, now: Situation) -> Feasible:
+    def survivors_noted(spec: Spec, now: Situation) -> Survivors:
         asked.append(now)
-        return feasible(spec, now)
+        return survivors(spec, now)
 
-    monkeypatch.setattr("heronry_dg.plan_report.feasible", feasible_noted)
+    monkeypatch.setattr("heronry_dg.plan_report.survivors", survivors_noted)
+    monkeypatch.setattr("heronry_dg.why_not.survivors", survivors_noted)
     now = Situation(frozenset({"pe:tail_pe"}))
     plan = make_plan(FIGURE_3, now, CHUTE, score(FIGURE_3, now, CHUTE, None), optimal=False)
     assert asked == []

@@ -14,22 +14,13 @@ from pathlib import Path
 import can
 import pytest
 
-from agent.one_pe import (
-    BEAT_NS,
-    DEMAND_ID,
-    FLYING,
-    NEIGHBOUR,
-    NODE,
-    TABLE,
-    command_frame,
-    neighbour_state,
-    slice_messages,
-)
+from agent.one_pe import BEAT_NS, DEMAND_ID, FLYING, NEIGHBOUR, NODE, TABLE, neighbour_state, slice_messages
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
 from heronry_wire.management import Activate, Alive, Ping, Step
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, decode_state
+from lab.peers import command_frame
 
 PATIENCE_S = 10.0
 TESTS = Path(__file__).resolve().parents[1]

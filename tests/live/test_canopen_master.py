@@ -10,7 +10,7 @@ from typing import Any
 
 import canopen
 import pytest
-from canopen.sdo import SdoClient
+from canopen.sdo.client import SdoClient
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path

@@ -16,7 +16,7 @@ from typing import Any
 import can
 import canopen
 import pytest
-from canopen.sdo import SdoClient
+from canopen.sdo.client import SdoClient
 from cantools.database import Database
 
 from heronry_tools.cli import main

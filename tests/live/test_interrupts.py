@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tests.thoroughness import IS_WHOLE
+
+from thoroughness import IS_WHOLE
 
 pytestmark = pytest.mark.live
 

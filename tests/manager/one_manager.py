@@ -195,9 +195,6 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
     def last(self, kind: str) -> dict[str, Any]:
         return self.of(kind)[-1]
 
-    def kinds_since(self, count: int) -> list[str]:
-        return [told["event"] for told in self.events[count:]]
-
     def said(self, message_type: type[ManagementMessage]) -> list[Any]:
         """Commands of one type."""
         return [message for message in self.commands if isinstance(message, message_type)]

@@ -10,7 +10,6 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
-from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
@@ -21,6 +20,7 @@ from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import Alive, Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step
+from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import (
     PeFlags,

@@ -2,7 +2,6 @@
 
 import ast
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from heronry_manager.core.events import KINDS, VERSION, Snapshot, event, reduce, to_line
+from lab.documents.event_table import fields_of
 
 MS = 1_000_000
 TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
@@ -160,12 +160,6 @@ def test_an_event_has_version_time_and_kind_and_an_unknown_kind_is_a_defect() ->
 # What is emitted
 
 
-def documented(text: str) -> set[str]:
-    """Fields of an entry of KINDS: the names before the colon, without what is in brackets."""
-    listed = re.sub(r"\([^)]*\)|\{[^}]*\}", "", text).split(":")[0]
-    return {name.strip() for name in listed.split(",")}
-
-
 def emissions() -> Iterator[tuple[str, str, set[str | None]]]:
     """Place, kind and fields of every call, in manager and tools, that builds an event of a named kind."""
     for file in sorted([*Path("manager").rglob("*.py"), *Path("tools").rglob("*.py")]):
@@ -185,7 +179,7 @@ def name_of(function: ast.expr) -> str:
 def test_every_event_that_is_emitted_is_documented_field_by_field() -> None:
     found = list(emissions())
     assert [one for one in found if one[1] not in KINDS] == []
-    assert [(place, fields) for place, kind, fields in found if fields != documented(KINDS[kind])] == []
+    assert [(place, fields) for place, kind, fields in found if fields != set(fields_of(kind))] == []
 
 
 def test_every_documented_event_is_emitted_somewhere() -> None:
@@ -194,7 +188,7 @@ def test_every_documented_event_is_emitted_somewhere() -> None:
 
 def test_the_flight_above_is_made_of_such_events() -> None:
     for one in ALL:
-        assert one.keys() - {"v", "t_ns", "event"} == documented(KINDS[one["event"]])
+        assert one.keys() - {"v", "t_ns", "event"} == set(fields_of(one["event"]))
 
 
 def test_the_nodes_that_lack_a_channel_are_known_until_it_is_back() -> None:

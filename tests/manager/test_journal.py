@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
-from heronry_manager.core.checked_lines import DAMAGED, checked_line, line_content
+from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.core.memory import (
     EPOCHS,
     NOTHING,

@@ -14,7 +14,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.bounds.fault_cases import fault_cases
 from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, FaultClass
 from heronry_tools.sim.faults.fault import Fault
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
 from heronry_tools.sim.world.planning import best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from heronry_tools.sim.faults.fault import read_fault
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_wire.identifiers import emcy_id
 from scenarios.flights import MS, flying, twin_wires

@@ -135,7 +135,11 @@ MACHINES = (
     Machine("ASKING IN_SESSION", PeAuthenticity, look=lambda x: {"": "IN_SESSION" if x._states.session else "ASKING"}),
     Machine("NO_SESSION OFFERED OPEN", Authenticity, look=sessions),
 )
-TABLES = {"standing": standing.TRANSITIONS, "epochs": reconfiguration.TRANSITIONS, "mastership": mastership.TRANSITIONS}
+TABLES: Mapping[str, TransitionTable[Any, Any]] = {
+    "standing": standing.TRANSITIONS,
+    "epochs": reconfiguration.TRANSITIONS,
+    "mastership": mastership.TRANSITIONS,
+}
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from heronry_tools.sim.compiled.machine_code import (
     make,
     sources,
 )
+from heronry_tools.sim.world import clock
 
 SMALL = (Path("heronry_wire/layout.py"), Path("heronry_tools/sim/world/local_clock.py"))
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
@@ -128,5 +129,5 @@ def test_a_copy_that_was_not_used_for_long_is_deleted(cache: Path, monkeypatch: 
 
 
 def test_go_on_compiled_does_nothing_in_a_compiled_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled.clock, "__file__", "clock.so")
+    monkeypatch.setattr(clock, "__file__", "clock.so")
     go_on_compiled(("sim",))

@@ -15,7 +15,7 @@ from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import read_fault
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.replay.comparison import compared
 from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording

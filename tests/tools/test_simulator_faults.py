@@ -13,7 +13,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.faults.fault import KINDS, LEVELS, Fault, possible_targets, read_fault
 from heronry_tools.sim.faults.protocol_state import STATES, ProtocolState
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks

@@ -19,7 +19,7 @@ from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.faults.fault import read_fault
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles import limits as promised

@@ -23,7 +23,7 @@ from heronry_tools.reports.story import _SENTENCES, Line, Story
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
 from heronry_tools.runtime.demo.script import DemoAction, default_actions, read_script
 from heronry_tools.sim.faults.drawing import drawn_faults
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_wire.bus_arguments import BusArgumentError

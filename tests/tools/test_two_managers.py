@@ -11,7 +11,7 @@ from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_fault
 from heronry_tools.sim.faults.protocol_state import ProtocolState
 from heronry_tools.sim.flight.campaign import Coverage
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, need_key, play
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.terms import TermCheck

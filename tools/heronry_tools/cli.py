@@ -1,7 +1,8 @@
 """The command `heronry`: one parser, one file per command, and nothing slow is imported before it is needed.
 
-A command file has `add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. Errors
-that a user can fix are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
+A command file has `add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. A new
+command also needs its line in COMMANDS, and in the examples of `heronry --help` (`_EPILOG`) where it helps. Errors that
+a user can fix are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
 """
 
 import argparse

@@ -17,8 +17,8 @@ from types import TracebackType
 from typing import Self
 
 from heronry_dg.model import Spec
+from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
-from heronry_manager.core.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_wire.errors import HeronryError
 from heronry_wire.packing import PackingError

@@ -31,7 +31,6 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.activation import Activation
 from heronry_manager.core.adoption import Adoption
 from heronry_manager.core.epochs import Epochs
@@ -39,6 +38,7 @@ from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
 from heronry_manager.core.memory import Runs
 from heronry_manager.core.observation import Observations, Observed
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.reconfiguration import Cause, Reconfiguration, Stage
 from heronry_manager.core.turn import Turn
 from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch
@@ -282,7 +282,8 @@ class Deployment:
         current = self.current
         is_done = current is not None and self._activation.move_on(current)
         for epoch in (current, self.next):
-            self._flush(epoch)
+            if epoch is not None:
+                self._flush(epoch)
         return current if is_done else None
 
     def _activate(self, epoch: Reconfiguration) -> None:
@@ -290,9 +291,7 @@ class Deployment:
         self.current, self.next, self._has_given_up = epoch, None, False
         self._stopped.clear()
 
-    def _flush(self, epoch: Reconfiguration | None) -> None:
-        if epoch is None:
-            return
+    def _flush(self, epoch: Reconfiguration) -> None:
         for message in epoch.outbox:
             self._turn.send(COMMAND_OF[type(message)], message)
         epoch.outbox.clear()

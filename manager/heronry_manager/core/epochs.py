@@ -17,13 +17,13 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import survivors
 from heronry_manager.contingency.configuration_code import ConfigurationCode
-from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.compilation import CompiledConfiguration, Compiler
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
 from heronry_manager.core.memory import Runs
 from heronry_manager.core.numbering import EpochNumbers
 from heronry_manager.core.observation import Observations
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.core.topology import reached_by_wire
 from heronry_manager.core.turn import Turn

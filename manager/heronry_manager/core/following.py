@@ -40,10 +40,10 @@ from collections.abc import Mapping
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.known_situation import Changes, KnownSituation
 from heronry_manager.core.memory import Runs, TermBegun
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn

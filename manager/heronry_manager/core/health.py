@@ -77,6 +77,8 @@ class _Record:
     period_ns: int
     misses: int
     command_period_ns: int  # of LEASE, where it arrives
+    late_after_ns: int  # these two are read with every frame, and never change
+    silent_after_ns: int
     standing: Standing = Standing.WAITING
     heard_ns: int | None = None
     incarnation: int | None = None
@@ -101,13 +103,13 @@ class _Record:
             self.said, self.said_since_ns = incarnation, now_ns
 
     def suspect_ns(self) -> int:
-        return (self.heard_ns or 0) + late_ns(self.period_ns)
+        return (self.heard_ns or 0) + self.late_after_ns
 
     def declare_ns(self) -> int:
-        return (self.heard_ns or 0) + silent_ns(self.period_ns, self.misses)
+        return (self.heard_ns or 0) + self.silent_after_ns
 
     def fallen_silent_ns(self) -> int:
-        return self.spoke_ns + silent_ns(self.period_ns, self.misses)
+        return self.spoke_ns + self.silent_after_ns
 
     def receive_has_failed(self, now_ns: int) -> bool:
         return self.receive_failed_since_ns is not None and now_ns - self.receive_failed_since_ns > t_lease_ns(
@@ -130,7 +132,14 @@ class Health:
         self._records = {}
         for pe in spec.pes.values():
             bus = spec.buses[uplink_bus(spec, pe.name)]
-            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses, command_period_ns(spec, pe.name))
+            self._records[pe.name] = _Record(
+                pe.name,
+                bus.heartbeat_ns,
+                bus.misses,
+                command_period_ns(spec, pe.name),
+                late_ns(bus.heartbeat_ns),
+                silent_ns(bus.heartbeat_ns, bus.misses),
+            )
 
     def standing(self, pe: str) -> Standing:
         """Give the standing of a PE."""

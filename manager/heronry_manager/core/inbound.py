@@ -12,13 +12,10 @@ A frame that is extended, remote or an error frame, that has another identifier,
 The part that takes a frame says what follows if it is late, doubled or forged.
 """
 
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.parts import Parts
 from heronry_manager.core.pe_reports import PeReports
-from heronry_manager.core.reactions import Reactions
-from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.succession import Succession
-from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
@@ -32,19 +29,10 @@ _NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
 class Inbound:
     """Hands each frame to the part of the manager that it concerns."""
 
-    def __init__(
-        self,
-        settings: ManagerSettings,
-        turn: Turn,
-        claim: Claim,
-        known: Knowledge,
-        *,
-        reports: PeReports,
-        reactions: Reactions,
-        succession: Succession,
-    ) -> None:
-        self._is_advising, self._turn, self._claim, self._known = settings.advise, turn, claim, known
-        self._reports, self._reactions, self._succession = reports, reactions, succession
+    def __init__(self, parts: Parts, reports: PeReports, succession: Succession) -> None:
+        settings = parts.settings
+        self._is_advising, self._turn, self._claim, self._known = settings.advise, parts.turn, parts.claim, parts.known
+        self._reports, self._reactions, self._succession = reports, parts.reactions, succession
         self.identification = IdentificationService(settings.node)  # its deadline is that of `tick`
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}

@@ -30,18 +30,14 @@ the journal): the phase, latched faults, quarantines, what runs. PEs go on with 
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.contingency.on_board import ContingencyNumbers
-from heronry_manager.core.beat import Beat
 from heronry_manager.core.inbound import Inbound
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.numbering import next_term
+from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.operator_orders import OperatorOrders
+from heronry_manager.core.parts import Parts
 from heronry_manager.core.pe_reports import PeReports
-from heronry_manager.core.planning import Planning
-from heronry_manager.core.reactions import Reactions
-from heronry_manager.core.replanning import Replanning
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.status import status
 from heronry_manager.core.succession import Succession
@@ -91,19 +87,12 @@ class ManagerCore:
         self.lease_ns = settings.lease_ns  # T_lease; the driver drops a frame that could not be sent for so long
         self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, without a pause
         turn = self._turn = Turn(node, now_ns, term=next_term(node, memory.term), memory=memory, silent=advise)
-        claim = self._claim = Claim(settings, turn)
-        known = self._known = Knowledge(settings, turn, claim)
-        beat = self._beat = Beat(settings, turn, known)
-        replanning = self._replanning = Replanning(settings, turn, claim, known, Planning(turn))
-        reactions = self._reactions = Reactions(turn, claim, known, beat, replanning)
-        reports = PeReports(settings, turn, claim, known, beat=beat, replanning=replanning, reactions=reactions)
-        succession = self._succession = Succession(
-            *(settings, turn, claim, known), beat=beat, replanning=replanning, reactions=reactions
-        )
-        self._inbound = Inbound(
-            *(settings, turn, claim, known), reports=reports, reactions=reactions, succession=succession
-        )
-        self._orders = OperatorOrders(settings, turn, known)
+        parts = Parts(settings, turn)
+        self._claim, self._known, self._beat = parts.claim, parts.known, parts.beat
+        self._replanning, self._reactions = parts.replanning, parts.reactions
+        self._succession = Succession(parts)
+        self._inbound = Inbound(parts, PeReports(parts), self._succession)
+        self._orders = OperatorOrders(settings, turn, parts.known)
         self._journal_problem: str | None = None
         turn.emit(
             "manager_started",
@@ -112,7 +101,7 @@ class ManagerCore:
             node=node,
             term=turn.term,
             bus=settings.bus.name,
-            phase=known.situation.phase,
+            phase=parts.known.situation.phase,
             advises=advise,
             key=None if key is None else key.fingerprint,
         )

@@ -12,13 +12,8 @@ A page that cannot be decoded has no effect. When a manager that has fallen sile
 but its memory, and listens for T_lease.
 """
 
-from heronry_manager.core.beat import Beat
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
-from heronry_manager.core.reactions import Reactions
-from heronry_manager.core.replanning import Replanning
-from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.turn import Turn
+from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.parts import Parts
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
@@ -28,19 +23,9 @@ from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, S
 class PeReports:
     """Hands the reports of PEs to the parts that they concern."""
 
-    def __init__(
-        self,
-        settings: ManagerSettings,
-        turn: Turn,
-        claim: Claim,
-        known: Knowledge,
-        *,
-        beat: Beat,
-        replanning: Replanning,
-        reactions: Reactions,
-    ) -> None:
-        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
-        self._beat, self._replanning, self._reactions = beat, replanning, reactions
+    def __init__(self, parts: Parts) -> None:
+        self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
+        self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
 
     def page(self, pe: str, page: StatePage | None) -> None:
         """Take a page of a PE's state; None: one that is not believed."""

@@ -13,14 +13,9 @@
 Lost, late, doubled, forged: see `mastership` and `following`.
 """
 
-from heronry_manager.core.beat import Beat
-from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim, Mastership
-from heronry_manager.core.reactions import Reactions
+from heronry_manager.core.mastership import Mastership
+from heronry_manager.core.parts import Parts
 from heronry_manager.core.reconfiguration import Cause
-from heronry_manager.core.replanning import Replanning
-from heronry_manager.core.settings import ManagerSettings
-from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Lease, ManagementMessage
 from heronry_wire.protocol_times import LEARNS_LEASES
@@ -29,19 +24,9 @@ from heronry_wire.protocol_times import LEARNS_LEASES
 class Succession:
     """Carries out the changes of mastership."""
 
-    def __init__(
-        self,
-        settings: ManagerSettings,
-        turn: Turn,
-        claim: Claim,
-        known: Knowledge,
-        *,
-        beat: Beat,
-        replanning: Replanning,
-        reactions: Reactions,
-    ) -> None:
-        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
-        self._beat, self._replanning, self._reactions = beat, replanning, reactions
+    def __init__(self, parts: Parts) -> None:
+        self._settings, self._turn, self._claim, self._known = parts.settings, parts.turn, parts.claim, parts.known
+        self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
 
     # What another manager sends
 

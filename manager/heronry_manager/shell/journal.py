@@ -38,7 +38,7 @@ from types import TracebackType
 from typing import Self
 
 from heronry_dg.model import Spec
-from heronry_manager.core.checked_lines import DAMAGED, checked_line, line_content
+from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.core.memory import NOTHING, Memory, Record, as_json, from_json, is_number
 from heronry_wire.errors import HeronryError
 

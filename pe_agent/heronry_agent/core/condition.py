@@ -78,11 +78,6 @@ class StateReports:
     authenticity: Authenticity | None
     _proven_changes: int = 0  # value of `Faults.changes` at the last page 0
 
-    @property
-    def next_ns(self) -> int:
-        """Time in ns at which to call `tick`."""
-        return self.reporting.next_ns
-
     def tick(self) -> None:
         """Send the state frames that are due."""
         self.turn.out += self.reporting.tick(self.turn.now_ns, self.condition.facts())

@@ -29,7 +29,7 @@ class Deadlines:
 
     def next_ns(self) -> int:
         """Time in ns at which to call `tick`, or to release modules, if no event comes before."""
-        due_ns = min(self.state_reports.next_ns, self.modules.next_ns)
+        due_ns = min(self.state_reports.reporting.next_ns, self.modules.next_ns)
         due_ns = min(due_ns, self.modules.faults.next_ns)
         due_ns = min(due_ns, self.staging.ask_ns)
         due_ns = min(due_ns, self.canopen.next_ns)
@@ -49,7 +49,7 @@ class Deadlines:
                 for text in self.start_notes:
                     turn.note("start", text)
             self.canopen.tick()
-        if now_ns >= self.state_reports.next_ns:
+        if now_ns >= self.state_reports.reporting.next_ns:
             self.state_reports.tick()
         if now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()

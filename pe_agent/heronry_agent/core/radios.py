@@ -26,7 +26,10 @@ class Radios:
     @property
     def next_ns(self) -> int:
         """Time in ns at which `passed` next has a frame to send, if no event comes before."""
-        return min((radio.next_ns for radio in self.ports.values()), default=NEVER_NS)
+        due_ns = NEVER_NS
+        for radio in self.ports.values():
+            due_ns = min(due_ns, radio.next_ns)
+        return due_ns
 
     def measure(self, event: Received) -> None:
         """Measure a frame from a radio; if the radio was gone, report that it is back."""

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from heronry_tools.console.errors import exit_code
-from lab.documents import canopen_tables, protocol_tables, spec_tables, state_diagrams
+from lab.documents import canopen_tables, event_table, protocol_tables, spec_tables, state_diagrams
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "spec keys": spec_tables.keys,
@@ -28,6 +28,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "fields": protocol_tables.fields,
     "times": protocol_tables.times,
     "objects": canopen_tables.objects,
+    "events": event_table.events,
 }
 
 DIAGRAMS: Mapping[str, Callable[[], str]] = {

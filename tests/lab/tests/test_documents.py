@@ -1,10 +1,13 @@
 """docs/ agree with the code: tables, states, sub-rules, examples, links."""
 
 import inspect
+import pkgutil
 import re
 from collections.abc import Iterable, Iterator
+from importlib import import_module
 from itertools import pairwise, product
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 import yaml
@@ -18,12 +21,17 @@ from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import UnknownElementError, situation
 from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.layout import Layout
 from heronry_wire.management import FaultCode, Step
 from heronry_wire.standard_identifiers import standard_identifiers
 from heronry_wire.state_frames import PeFlags, PeState, Reason
+from lab.documents import event_table
 from lab.documents.__main__ import DIAGRAMS, TABLES, filled, main
+
+T = TypeVar("T")
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -66,6 +74,31 @@ def test_every_table_and_diagram_has_its_place_on_a_page(kind: str, names: Itera
     mark = re.compile(rf"^<!-- {kind}: (.+) \(generated: python -m lab\.documents PAGE\) -->$", re.MULTILINE)
     placed = [name for page in PAGES for name in mark.findall(page.read_text(encoding="utf-8"))]
     assert sorted(placed) == sorted(names)
+
+
+def made_in(package: str, kind: type[T]) -> list[T]:
+    """Give the public values of a type that the modules of a package make, each once."""
+    names = [found.name for found in pkgutil.iter_modules(import_module(package).__path__, f"{package}.")]
+    values = [item for name in names for item in vars(import_module(name)).items()]
+    made = {id(value): value for name, value in values if isinstance(value, kind) and not name.startswith("_")}
+    return list(made.values())
+
+
+def test_the_fields_of_every_frame_are_on_the_page() -> None:
+    layouts = made_in("heronry_wire", Layout)
+    assert {row[0].strip("`") for row in rows(PROTOCOL, "message | bytes")} - {""} == {one.name for one in layouts}
+
+
+def test_every_state_machine_that_is_a_table_is_drawn() -> None:
+    packages = ("heronry_manager.core", "heronry_agent.core", "heronry_wire")
+    assert sum(len(made_in(package, TransitionTable)) for package in packages) == len(DIAGRAMS)
+
+
+def test_an_event_says_its_fields_and_what_it_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert event_table.fields_of("process") == {"pe": "", "pid": "", "what": " (started, killed, restored)"}
+    monkeypatch.setattr(event_table, "KINDS", {"landed": "where, when"})
+    with pytest.raises(ValueError, match="write the event landed as 'fields: what it tells'"):
+        event_table.events()
 
 
 def test_a_table_with_another_content_is_written_anew(tmp_path: Path) -> None:

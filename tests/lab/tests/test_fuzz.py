@@ -1,5 +1,7 @@
 """The fuzzer: every decoder and every core accepts arbitrary bytes, and a defect would be found."""
 
+import importlib.util
+import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -81,7 +83,7 @@ def raising(data: bytes) -> None:
 def fuzzed(monkeypatch: pytest.MonkeyPatch, folder: Path, *arguments: str, guided: bool = False) -> int:
     targets = {"bad": Target("bad", raising, lambda: [b"x"]), "good": Target("good", raising, lambda: [b"o"])}
     monkeypatch.setattr(fuzz, "TARGETS", targets)
-    monkeypatch.setattr(fuzz.importlib.util, "find_spec", lambda _: guided or None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: guided or None)
     monkeypatch.chdir(folder)
     return fuzz.main(arguments)
 
@@ -152,7 +154,7 @@ def test_with_atheris_the_inputs_of_seconds_are_guided(
     expected: tuple[Atheris, int, str],
 ) -> None:
     atheris, code, says = expected
-    monkeypatch.setattr(fuzz.subprocess, "run", atheris)
+    monkeypatch.setattr(subprocess, "run", atheris)
     assert fuzzed(monkeypatch, tmp_path, "good", "--seconds", "7", guided=True) == code
     told = capsys.readouterr()
     assert (told.out + told.err).startswith(says)

@@ -65,7 +65,7 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
 
 
 def _report(spec: "Spec", file: Path, written: "Written") -> None:
-    from heronry_manager.contingency.on_board import on_board  # noqa: PLC0415
+    from heronry_manager.core.on_board import on_board  # noqa: PLC0415
 
     made, tally, scope = written.made, written.tally, written.made.scope
     total = scope.set_count() * len(made.phases)

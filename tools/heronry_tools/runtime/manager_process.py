@@ -12,10 +12,10 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.planning_policy import PlanningPolicy
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.greedy.planner import Greedy

@@ -23,8 +23,8 @@ def write_tables(
 
 def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
     """Compile the tables of PEs, each with as many of the plans made ahead as the PE has room for."""
-    from heronry_manager.contingency.on_board import loaded, on_board  # noqa: PLC0415
     from heronry_manager.core.compilation import Compiler  # noqa: PLC0415 - loads pydantic
+    from heronry_manager.core.on_board import loaded, on_board  # noqa: PLC0415
 
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in pes}

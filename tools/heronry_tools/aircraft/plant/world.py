@@ -14,7 +14,7 @@ Each device is healthy or was made to fail. Only this plant knows of a failure: 
 connected. A failed actuator is not echoed (`write` returns None), so no other plant takes it as moved.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -141,17 +141,18 @@ class Plant:
 class PlantDevice:
     """A device of the plant behind the interface of `heronry_agent.device`."""
 
-    def __init__(self, plant: Plant, name: str) -> None:
-        self._plant, self._name = plant, name
+    def __init__(self, plant: Plant, name: str, clock: Callable[[], int] | None = None) -> None:
+        """`clock` gives the time, in ns, at which the plant is read and moved; None: the caller's `now_ns` counts."""
+        self._plant, self._name, self._clock = plant, name, clock
 
     def read(self, now_ns: int) -> Reading:
         """Give the present reading."""
-        value = self._plant.read(self._name, now_ns)
+        value = self._plant.read(self._name, now_ns if self._clock is None else self._clock())
         return Reading(value, now_ns, value is not None)
 
     def command(self, value: Value, now_ns: int) -> Value | None:
         """Move an actuator."""
-        return self._plant.write(self._name, value, now_ns)
+        return self._plant.write(self._name, value, now_ns if self._clock is None else self._clock())
 
     def make_safe(self, now_ns: int) -> None:
         """Do nothing: without a command an actuator of this plant stays where it is."""

@@ -1,4 +1,4 @@
-"""The simulator as machine code, which `heronry sim --compiled` flies: three to five times as fast, with equal frames.
+"""The simulator as machine code, which `heronry sim --compiled` flies: four times as fast, with equal frames.
 
 A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
 translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled

@@ -86,7 +86,7 @@ class Kind:
     excuses: bool = False  # a module may report a healthy element because of it
     lasting: bool = False  # the waiver has no end
     promised_with_key: bool = False  # in a flight with a key no rule is waived
-    drawn: bool = True  # drawn where the user names no kinds
+    drawn: bool = True  # drawn where the user names no kinds; one more such kind changes the faults of every seed
     of_two: bool = False  # drawn only where there are two managers
     of_keyed: bool = False  # drawn only in a flight with a key
     needs_key: bool = False  # managers and PEs must have a key

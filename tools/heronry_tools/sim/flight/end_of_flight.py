@@ -7,7 +7,7 @@ ended is ended, and the aircraft is left alone until it has converged, or for th
 from collections.abc import Iterable
 
 from heronry_tools.sim.faults.fault import Fault
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation

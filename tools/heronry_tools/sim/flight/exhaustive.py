@@ -29,7 +29,7 @@ from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Fault, possible_targets
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.service import Injected

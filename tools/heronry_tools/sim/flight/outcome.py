@@ -12,7 +12,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_tools.sim.faults.fault import KINDS, Fault
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Faults

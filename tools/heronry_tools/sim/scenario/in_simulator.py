@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
-from heronry_tools.sim.flight.injections import Injections
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.outcome import KEY, lossy, need_key
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.service import Injected

@@ -21,8 +21,8 @@ from heronry_dg.situation import Situation, elements
 from heronry_dg.verify import verify
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.core.planning_policy import Answer, Instruction, PlanningPolicy
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_manager.planner.exact import Planner

@@ -7,29 +7,9 @@ failed. The plant is read and moved at the true time, whatever a PE's clock show
 
 from collections.abc import Iterable
 
-from heronry_agent.device import Reading
 from heronry_agent.module import Value
-from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant.world import Plant, PlantDevice
 from heronry_tools.sim.world.clock import Clock
-
-
-class _DeviceOfPlant:
-    """A device of the plant, read and moved at the true time."""
-
-    def __init__(self, plant: Plant, name: str, clock: Clock) -> None:
-        self._plant, self._name, self._clock = plant, name, clock
-
-    def read(self, now_ns: int) -> Reading:
-        """Give the device's present reading."""
-        value = self._plant.read(self._name, self._clock.now_ns)
-        return Reading(value, now_ns, value is not None)
-
-    def command(self, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002 - the PE's own clock
-        """Move an actuator."""
-        return self._plant.write(self._name, value, self._clock.now_ns)
-
-    def make_safe(self, now_ns: int) -> None:
-        """Do nothing: without a command an actuator of this plant stays where it is."""
 
 
 class PlantView:
@@ -38,9 +18,9 @@ class PlantView:
     def __init__(self, plant: Plant, clock: Clock) -> None:
         self._plant, self._clock = plant, clock
 
-    def open(self, name: str) -> _DeviceOfPlant:
-        """Give the device of this name."""
-        return _DeviceOfPlant(self._plant, name, self._clock)
+    def open(self, name: str) -> PlantDevice:
+        """Give the device of this name, read and moved at the true time."""
+        return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
         """Give the actuators on other PEs whose echoes a plant of one process would need."""
@@ -48,3 +28,6 @@ class PlantView:
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
         """Ignore an output echo: the plant has moved already."""
+
+    def _true_ns(self) -> int:
+        return self._clock.now_ns

@@ -18,7 +18,6 @@ from heronry_wire.sdo import (
     BLOCK_END,
     BLOCK_INITIATE,
     BLOCK_LAST_SEGMENT,
-    BLOCK_PART_BITS,
     BLOCK_SIZE_GIVEN,
     BLOCK_START,
     BLOCK_UPLOAD,
@@ -256,10 +255,6 @@ def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
     *place, reason = read_head(answer)
     _demand(place == [index, sub_index], "an abort names another object: %s", answer)
     return Abort(read_length(reason))
-
-
-def _ends_block(command: int) -> bool:
-    return command & COMMAND_BITS == BLOCK_UPLOAD_ANSWER and command & BLOCK_PART_BITS == BLOCK_END
 
 
 def _demand(holds: bool, story: str, *told: bytes | int | None) -> None:

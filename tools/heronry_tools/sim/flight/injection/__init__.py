@@ -1,1 +1,1 @@
-"""What each kind of fault does to a flight: one file for each kind of target."""
+"""Faults injected into a flight: when (`schedule`), and what each kind does, in one file for each kind of target."""

@@ -1,6 +1,7 @@
 """Injects the faults of one flight, each at its time or in the state for which it waits, and ends each in time.
 
-The functions that inject each kind are in `injection`. The oracles read from `injected` what was injected, and when.
+The functions that inject each kind are in the files beside this one. The oracles read from `injected` what was
+injected, and when.
 
 Each fault has its own random generator, seeded by the seed of the run and the text of the fault. So removing one fault
 from a list changes no other, which allows `shrink` to shorten a failing list.

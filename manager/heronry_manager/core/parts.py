@@ -1,0 +1,22 @@
+"""The parts of a manager's core that act together, made once, each after the parts that it needs."""
+
+from heronry_manager.core.beat import Beat
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership import Claim
+from heronry_manager.core.planning import Planning
+from heronry_manager.core.reactions import Reactions
+from heronry_manager.core.replanning import Replanning
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
+
+
+class Parts:
+    """What takes in frames (`pe_reports`, `succession`, `inbound`) acts through these parts."""
+
+    def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
+        self.settings, self.turn = settings, turn
+        self.claim = Claim(settings, turn)
+        self.known = Knowledge(settings, turn, self.claim)
+        self.beat = Beat(settings, turn, self.known)
+        self.replanning = Replanning(settings, turn, self.claim, self.known, Planning(turn))
+        self.reactions = Reactions(turn, self.claim, self.known, self.beat, self.replanning)
