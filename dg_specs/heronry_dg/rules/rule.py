@@ -27,7 +27,7 @@ a spec cannot be loaded). The check that finds the mistake calls:
 
 The sentence describes the case at hand, with names and numbers; the hint says what to write. Then add two whole specs
 to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules --docs
->docs/rules.md`. The twins of older rules may break the new rule too: mend them, since each must earn its own code alone.
+>docs/rules.md`. The twins of older rules may break the new rule too: mend them, since each must earn its code alone.
 """
 
 from dataclasses import dataclass, field
