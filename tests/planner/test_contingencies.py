@@ -138,7 +138,7 @@ def test_numbers_come_back(numbers: list[int]) -> None:
 
 
 def test_a_text_that_ends_too_early_is_found() -> None:
-    with pytest.raises(PackingError, match="before a text"):
+    with pytest.raises(PackingError, match="within a text"):
         Unpacker(pack([3, 1])).text()
 
 

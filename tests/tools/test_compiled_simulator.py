@@ -79,7 +79,7 @@ def test_what_cannot_be_compiled_says_why(tmp_path: Path) -> None:
 
 def test_without_a_compiler_it_says_what_to_install(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "no-such-compiler -O2")
-    with pytest.raises(UserError, match="there is no C compiler no-such-compiler here: install one"):
+    with pytest.raises(UserError, match="the C compiler no-such-compiler is not found: install one"):
         make(compiled_folder())
     assert [file.name for file in cache.iterdir()] == ["lock"]
 
@@ -108,7 +108,7 @@ def test_a_folder_that_does_not_come_first_is_reported_and_not_tried_again(cache
     folder.mkdir(parents=True)  # holds nothing, so Python finds other sources
     done = told(folder, "-m", "heronry_tools", "sim", "elevator_and_chute", "--compiled")
     assert done.returncode == 2
-    assert f"other sources of heronry come before {folder}" in done.stderr
+    assert f"Python finds other sources of heronry before those in {folder}" in done.stderr
 
 
 def test_a_process_goes_on_in_the_folder_that_is_there(cache: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_process_goes_on_in_the_folder_that_is_there(cache: Path) -> None:
         [sys.executable, "-m", "heronry_tools", "exhaust", "big_blue", "--compiled"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert "other sources of heronry come before" in done.stderr
+    assert "Python finds other sources of heronry before" in done.stderr
 
 
 def test_a_copy_that_was_not_used_for_long_is_deleted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,7 +88,7 @@ def test_a_lease_that_goes_back_to_an_older_epoch_in_its_term_is_seen() -> None:
 def test_a_number_that_two_terms_prepare_is_seen() -> None:
     check = terms()
     check.follow_command(9, 127, Prepare(2, 1, 9), "manager 127")
-    assert "epoch 1 is prepared in term 2" in check.violations[0].story
+    assert "epoch 1 is prepared with one digest in term 2" in check.violations[0].story
 
 
 def test_of_two_copies_of_a_journal_each_counts_for_itself_and_with_what_it_has_used() -> None:
@@ -106,7 +106,7 @@ def test_of_two_copies_of_a_journal_each_counts_for_itself_and_with_what_it_has_
     check.follow_command(5, 126, Prepare(4, 2, 9), "manager 126 again")
     check.follow_command(6, 127, Prepare(5, 1, 9), "manager 127")
     assert [violation.story for violation in check.violations] == [
-        "epoch 2 is prepared in term 4, and was another one in term 3",
+        "epoch 2 is prepared with one digest in term 4, another in 3",
         "epoch 1 is prepared in term 5, and was another one in term 2",
     ]
 
@@ -139,7 +139,7 @@ def test_a_pe_that_keeps_what_it_runs_is_well() -> None:
 
 def test_a_pe_that_hears_a_manager_where_there_is_none_is_seen() -> None:
     assert orphans((230, running(1, hears=True))) == []  # true when it was queued, and sent when a wire was mended
-    assert "there is none" in orphans((250, running(1, hears=True)))[0]
+    assert "no manager was on the bus" in orphans((250, running(1, hears=True)))[0]
 
 
 def test_a_pe_that_changes_without_a_manager_is_seen() -> None:
