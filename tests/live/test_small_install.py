@@ -260,7 +260,7 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     assert {f"heronry_dg/specs/{name}.dg.yaml" for name in ("big_blue", "elevator_and_chute")} <= names
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     for line in (
-        "heronry = heronry_tools.cli:main",
+        "heronry = heronry_tools.__main__:main",
         "pe-agent = heronry_agent.shell.cli:main",
         "softbus = heronry_tools.runtime.softbus.client:SoftBus",
     ):

@@ -107,7 +107,7 @@ def test_of_two_copies_of_a_journal_each_counts_for_itself_and_with_what_it_has_
     check.follow_command(6, 127, Prepare(5, 1, 9), "manager 127")
     assert [violation.story for violation in check.violations] == [
         "epoch 2 is prepared with one digest in term 4, another in 3",
-        "epoch 1 is prepared in term 5, and was another one in term 2",
+        "epoch 1 is prepared with one digest in term 5, another in 2",
     ]
 
 

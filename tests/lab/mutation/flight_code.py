@@ -20,8 +20,8 @@ CODEC = (
     "timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files
-    "__init__ bus_arguments bus_opening can_interface eds interruption key_file link python_can replicated_link service_manager "
-    "slow_opening socketcand"
+    "__init__ bus_arguments bus_opening can_interface eds interruption key_file link python_can replicated_link "
+    "service_manager slow_opening socketcand"
 )
 
 
