@@ -147,7 +147,9 @@ def test_a_partition_that_ends_is_reported_and_the_other_one_goes_on_and_so_does
     assert hosted.demand(CONTROL) == 1.0
 
 
-@pytest.mark.parametrize(("hosted", "reason"), [("Eats", "MemoryError"), ("Shouts", "a step gives")], indirect=["hosted"])
+@pytest.mark.parametrize(
+    ("hosted", "reason"), [("Eats", "MemoryError"), ("Shouts", "a step gives")], indirect=["hosted"]
+)
 def test_one_that_takes_or_gives_too_much_fails_in_its_own_step(hosted: Hosted, reason: str) -> None:
     event = hosted.misbehave()
     assert isinstance(event, StepFailed)

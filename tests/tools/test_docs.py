@@ -70,8 +70,13 @@ RULES = [
     Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),
-    Rule(r"python -m lab\.benches\.node.*", How.LIVE, more="--seconds 1 --busy 1"),
-    Rule(r"python -m lab\.benches\.agent.*", How.LIVE, more="--seconds 1 --busy 1 --spec elevator_and_chute"),
+    Rule(r"python -m lab\.benches\.node.*", How.LIVE, more="--seconds 1 --busy 1", is_long=True),
+    Rule(
+        r"python -m lab\.benches\.agent.*",
+        How.LIVE,
+        more="--seconds 1 --busy 1 --spec elevator_and_chute",
+        is_long=True,
+    ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
@@ -86,7 +91,7 @@ RULES = [
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),
     Rule(r"python -m lab\.benches\.reaction --write .*", How.RUN),
     Rule(r"python -m lab\.benches\.reaction\b.*", How.EXEMPT, "test_reaction_bench.py flies it"),
-    Rule(r"python -m lab\.benches\.reconfiguration .*", How.LIVE, more="--kills 1"),
+    Rule(r"python -m lab\.benches\.reconfiguration .*", How.LIVE, more="--kills 1", is_long=True),
     Rule(r"heronry (contingencies|campaign|cutsets|why)\b.*", How.RUN),
     Rule(
         r"python -m lab.planner_race\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01", is_long=True
