@@ -60,7 +60,7 @@ class Show:
     seconds: int
 
 
-SMALL = Show("elevator_and_chute", 500, 4, "control_pe", "tail_pe", 8, 18)
+SMALL = Show("elevator_and_chute", 500, 4, "control_pe", "tail_pe", 6, 13)
 LARGE = Show("big_blue", 1000, 40, "flight", "nav", 20, 42)
 
 
