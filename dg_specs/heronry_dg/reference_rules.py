@@ -67,7 +67,9 @@ class _ReferenceRules:
             other = nodes.setdefault(form.node_id, pe.name)
             if other != pe.name:
                 sentence = f"pe '{pe.name}' has the node_id of pe '{other}', {form.node_id}"
-                self._findings.add(graph.NODE_ID_TWICE, _value_place(pe, "node_id"), sentence, "give every PE its own")
+                self._findings.add(
+                    graph.NODE_ID_TWICE, _value_place(pe, "node_id"), sentence, "give every PE a node_id of its own"
+                )
             self._names(pe, "buses", form.buses, "bus", self._draft.buses)
             for index, bus in enumerate(form.buses):
                 if bus in self._draft.buses and not network.join(f"pe:{pe.name}", f"bus:{bus}"):

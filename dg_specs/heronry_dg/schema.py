@@ -345,13 +345,13 @@ class FunctionForm(Form):
     criticality: CriticalityByPhase = Field(
         default="E",
         validate_default=True,
-        description="A (served first) to E (not critical): one for all phases, or a map phase: class with `default`.",
+        description="A (served first) to E (not critical); one class, or classes by phase, with a `default`.",
         examples=["A", {"default": "C", "landing": "B"}],
     )
     priority: PriorityByPhase = Field(
         default=1,
         validate_default=True,
-        description="Weight in its class, 0 for not wanted: one for all phases, or a map phase: weight with `default`.",
+        description="Weight in its class, 0 for not wanted; one weight, or weights by phase, with a `default`.",
         examples=[100, {"default": 20, "landing": 0}],
     )
     value: list[Points] | None = Field(

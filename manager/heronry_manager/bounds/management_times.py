@@ -85,7 +85,11 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """Give all frames above the data, most urgent first, then the number of commands (and above), then of EMCYs."""
+        """Give all frames that are more urgent than data, and two numbers that divide them.
+
+        The most urgent frame comes first: emergency events and commands, of which the first number counts both; EMCYs,
+        which the second number counts; then states and answers.
+        """
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [
             pe

@@ -41,7 +41,7 @@ class Beat:
         return self._turn.now_ns >= self.beacon.next_ns
 
     def beat(self) -> None:
-        """Send LEASE, ALIVE, a PING to each suspect, and a fact."""
+        """Send LEASE, ALIVE, a PING to each suspect, and one fact for a standby manager, if one is due."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]

@@ -121,11 +121,12 @@ class Inbound:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which an exclusive frame may be forwarded up.
+        """Time in ns until which the exclusive frame that has just arrived may be forwarded to the uplink.
 
-        None if it arrived during a pause of this process.
+        None: the frame may not be forwarded there.
 
-        After a pause, a command that ends the authorization may still wait behind that frame.
+        A frame that arrived during a pause of this process is never forwarded there: a command that ends the
+        authorization may have arrived after it, and not have been executed yet.
         """
         turn = self._turn
         return (

@@ -94,7 +94,10 @@ def _parser() -> argparse.ArgumentParser:
         help="a bus of the table on this channel; once for each bus of a gateway",
     )
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="folder that keeps the boot count (default: drawn from the clock)"
+        "--state-dir",
+        type=Path,
+        metavar="DIR",
+        help="folder that keeps the boot count (without a folder the count is taken from the clock)",
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="key file of 'heronry key': refuse commands made without this key"
@@ -197,7 +200,9 @@ def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> 
         _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
     for bus in links:
         if isinstance(bus, ReplicatedLink):
-            _print_note(Note("count", f"{bus.name}: copies {bus.merge.copies}, withheld {bus.merge.stale}"))
+            _print_note(
+                Note("count", f"{bus.name}: copies dropped {bus.merge.copies}, late frames withheld {bus.merge.stale}")
+            )
     for link in (link for bus in links for link in (bus.links if isinstance(bus, ReplicatedLink) else (bus,))):
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))

@@ -11,10 +11,10 @@ A partition trusts its agent: orders are plain values in the format of Python's 
 both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for one that is
 no answer. If a module gives a value that is not plain, it cannot be sent, and the module has failed (`Uncarriable`).
 
-START names the leaves of a module; later messages refer to a leaf by its number. In an answer numbers are
-little-endian, and the length of a text stands in two bytes before it. The outputs of a module usually have the same
-names and types in every step. STEPPED begins with these names and types, which each end decodes once and then
-recognizes by their bytes; the values follow.
+START names the leaves (the single inputs) of a module's mode; later messages refer to a leaf by its number. In an
+answer numbers are little-endian, and the length of a text stands in two bytes before it. The outputs of a module
+usually have the same names and types in every step. STEPPED begins with these names and types, which each end decodes
+once and then recognizes by their bytes; the values follow.
 """
 
 import marshal

@@ -46,7 +46,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry exhaust`."""
     parser = subparsers.add_parser(
         "exhaust",
-        help="lose, double, delay every single message of every reconfiguration, and crash at it",
+        help="lose, double or delay each message of every reconfiguration, or crash a node at that message",
         description="Fly every single fault at every message of every reconfiguration, and check each flight.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -55,7 +55,7 @@ class _Level:
         return one
 
     def add(self, frame: float, period: float, late: float) -> None:
-        """Add a message; `late` is its jitter and one bit time; all in ns."""
+        """Add a message; `late` is the sum of its jitter and one bit time; all values are in ns."""
         self.demand += frame * (1 + late / period)
         self.frames += frame
         self.load += frame / period

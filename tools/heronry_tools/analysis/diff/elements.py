@@ -30,7 +30,7 @@ _UNITS: Final[
 
 @dataclass(frozen=True, slots=True)
 class FieldChange:
-    """One changed field; None where it has no value."""
+    """One changed field; `old` or `new` is None if that spec does not have the field."""
 
     field: str
     old: str | None

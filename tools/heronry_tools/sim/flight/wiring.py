@@ -14,7 +14,10 @@ class Wiring:
     """Every wire of a spec."""
 
     def __init__(self, spec: Spec, clock: Clock, seed: int, faults: Faults) -> None:
-        """faults: the quality of all wires for the whole flight; seed: draws their errors."""
+        """faults: how often frames are lost, missed or doubled, on every wire and for the whole flight.
+
+        seed: of the random numbers that decide which frames these are.
+        """
         self.faults = faults
         self.wires: Mapping[str, tuple[SimulatedBus, ...]] = {
             bus.name: tuple(

@@ -90,10 +90,10 @@ def _end(flight: Simulation, script: Script, injections: Injections) -> list[str
 
 
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
-    """Give what was done besides faults, for the oracle `service`.
+    """Give the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
-    The death of one of two managers takes no time here, since the other takes over. A jammed actuator has no known
-    element: the time of its detection depends on the monitors.
+    If one of two managers is killed, this fault ends when it begins, since the other manager takes over. The fault of
+    a jammed actuator names no element: when the actuator is reported depends on the monitors.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):
