@@ -16,7 +16,7 @@ import can
 import pytest
 
 from heronry_dg.loader import load
-from heronry_tools.cli import COMMANDS
+from heronry_tools.command_table import COMMANDS
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import state_id
@@ -175,7 +175,7 @@ def test_help_needs_no_extra(small: dict[str, str], module: str) -> None:
 
 def test_the_help_of_every_command_needs_no_extra(small: dict[str, str]) -> None:
     """All in one process: what cannot be imported there cannot be for any of them."""
-    commands = sorted(name for names in COMMANDS.values() for name in names)
+    commands = sorted(COMMANDS)
     done = run("-c", _ALL_HELP, *commands, env=small)
     assert (done.returncode, done.stderr) == (0, "")
     assert [done.stdout.count(f"\nusage: heronry {name}") for name in commands] == [1] * len(commands)
