@@ -3,14 +3,14 @@
 What is new is green, what is gone red and dashed, what is changed amber; the neighbours keep their looks.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Iterator
 from typing import NamedTuple
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import situation
 from heronry_tools.analysis.diff.elements import element_changes
 from heronry_tools.reports.render.build import build
-from heronry_tools.reports.render.graph import Graph
+from heronry_tools.reports.render.graph import Edge, Graph
 from heronry_tools.reports.render.marks import marks
 from heronry_tools.reports.render.text import edge_words, mermaid_arrow, mermaid_node
 
@@ -23,11 +23,12 @@ _SHAFTS = {"added": "==>", "removed": "-.->", "": "-->"}
 
 
 class Arrow(NamedTuple):
-    """One flow of data; its modes are named, since a number would mean another mode in the other spec."""
+    """One flow of data; its modes by name, since V1 may be another mode in the other spec."""
 
     source: str
     target: str
     words: str
+    modes: tuple[str, ...]
 
 
 def mermaid_difference(old_spec: Spec, new_spec: Spec) -> str:
@@ -63,7 +64,15 @@ def _graph(spec: Spec) -> Graph:
 
 
 def _arrows(graph: Graph) -> tuple[Arrow, ...]:
-    return tuple(Arrow(edge.source, edge.target, edge_words(graph, edge)) for edge in graph.edges)
+    return tuple(
+        Arrow(edge.source, edge.target, edge_words(graph, edge), tuple(_modes(graph, edge))) for edge in graph.edges
+    )
+
+
+def _modes(graph: Graph, edge: Edge) -> Iterator[str]:
+    for key, cell in ((edge.source, edge.out_cell), (edge.target, edge.in_cell)):
+        if cell is not None:
+            yield graph.nodes[key].cells[cell].label
 
 
 def _class(one: object, old: Container[object], new: Container[object]) -> str:

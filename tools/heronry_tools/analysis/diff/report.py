@@ -5,7 +5,6 @@ The text has one line a change: `+` for added, `-` for removed, `~` for changed;
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from heronry_dg.check.assess import Assessed
 from heronry_dg.check.machine_reports import finding_fields
@@ -45,7 +44,7 @@ def _findings_lines(findings: FindingsChange) -> Iterator[str]:
         if assessed.findings:
             yield title
             for finding in sorted(assessed.findings, key=lambda one: one.severity is not Severity.ERROR):
-                yield f"  {replace(finding, hint='')}"
+                yield f"  {finding.code} {finding.severity}, line {finding.place.line}: {finding.sentence}"
 
 
 def _element_lines(element: ElementChange) -> Iterator[str]:
