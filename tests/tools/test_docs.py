@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
@@ -78,6 +78,7 @@ RULES = [
         is_long=True,
     ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
+    Rule(r"pip wheel .*", How.EXEMPT, "it fetches the build system; test_small_install.py builds the wheel"),
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
@@ -350,3 +351,34 @@ def outcome(text: str, folder: Path) -> str | None:
     (line,) = command_lines(folder / "some.md")
     assert line.rule is not None
     return tried(line, line.rule, folder)
+
+
+def test_readme_leaves_no_untracked_file() -> None:
+    """What the README's commands write at the top of a checkout is ignored by git."""
+    lines = list(command_lines(Path("README.md")))
+    written = [name for line in lines for name in re.findall(r"(?:-o |--record |>\s?)(\S+)", line.text)]
+    assert len(written) >= 5
+    ended = subprocess.run(
+        ["git", "check-ignore", "--no-index", *written], cwd=CHECKOUT, capture_output=True, text=True, check=False
+    )
+    assert ended.stdout.split() == written
+
+
+def test_no_document_installs_heronry_from_where_it_is_not() -> None:
+    """It is on no package index: git, a checkout, a wheel or a wheelhouse has it."""
+    commands = [
+        (document, command)
+        for document in DOCUMENTS
+        for command in re.findall(r"pip install ([^`\n]*heronry\[[^`\n]*)", document.read_text())
+    ]
+    assert commands
+    assert [one for one in commands if not re.search(r"heronry\[\w+\] @ git\+|^--no-index -f ", one[1])] == []
+
+
+def test_the_revision_of_the_hook_exists() -> None:
+    (revision,) = re.findall(r"^ +rev: (\S+)$", Path("docs/check.md").read_text(), re.MULTILINE)
+    git = partial(subprocess.run, cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    if git(["git", "rev-parse", "--is-shallow-repository"]).stdout.strip() != "false":
+        pytest.skip("this checkout has not the whole history")
+    shown = git(["git", "show", f"{revision}:.pre-commit-hooks.yaml"])
+    assert "id: heronry-check" in shown.stdout, shown.stderr
