@@ -293,6 +293,12 @@ def test_a_name_that_is_not_there_ends_every_command_with_2(
     assert "nosuch" in refused(capsys, *words)
 
 
+@pytest.mark.parametrize("name", ["plan", "manager", "sim"])
+def test_a_table_in_the_place_of_a_spec_is_told_from_one(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    sentence = "heronry: nav.table: a table is what 'heronry table' compiles from a spec; name the *.dg.yaml itself\n"
+    assert refused(capsys, name, "nav.table") == sentence
+
+
 def test_o_takes_what_would_be_printed(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["plan", "elevator_and_chute"], ["bus", "elevator_and_chute", "--json"], ["explain", "DG401"]):
         printed = helped(capsys, *words)

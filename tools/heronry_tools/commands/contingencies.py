@@ -99,7 +99,7 @@ def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
         "spec": spec.digest,
         "faults": scope.faults,
         "elements": list(scope.elements),
-        "phases": list(made.phases),
+        "phases": [one.phase for one in made.phases],
         "plans": scope.set_count() * len(made.phases),
         "searched": tally.searched,
         "configurations": len(made.configurations),
