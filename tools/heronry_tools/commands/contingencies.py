@@ -90,7 +90,7 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
 
 
 def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
-    from heronry_manager.contingency.on_board import on_board  # noqa: PLC0415
+    from heronry_manager.core.on_board import on_board  # noqa: PLC0415
 
     made, tally, scope = written.made, written.tally, written.made.scope
     return {
