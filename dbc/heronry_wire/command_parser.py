@@ -36,7 +36,7 @@ class CommandParser(argparse.ArgumentParser):
         """End with one sentence."""
         said = _NOT_READ.sub(lambda found: f"{found[2]} is not a {_kind(found[1])}", message)
         said = _MISSING.sub(lambda found: f"{found[1]} {'are' if ',' in found[1] else 'is'} missing", said)
-        see = "" if said.endswith("?") else f"; see '{self.prog} --help'"
+        see = "" if "; " in said else f"; see '{self.prog} --help'"  # what follows a semicolon is a remedy
         self.exit(2, f"{self.prog}: {said.removeprefix('argument ')}{see}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

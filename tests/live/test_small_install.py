@@ -300,7 +300,7 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     for line in (
         "heronry = heronry_tools.__main__:main",
-        "pe-agent = heronry_agent.shell.cli:main",
+        "pe-agent = heronry_agent.__main__:main",
         "softbus = heronry_tools.runtime.softbus.client:SoftBus",
     ):
         assert line in entry_points
