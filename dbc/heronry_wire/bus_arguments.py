@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import can
+import can.cli
 
 from heronry_wire.errors import HeronryError
 
@@ -22,6 +23,13 @@ _FLAGS = ("channel", "interface", "bitrate", "timing")
 
 class BusArgumentError(HeronryError):
     """The command line does not name a bus; the message is one sentence with the remedy."""
+
+
+def add_bus_arguments(parser: argparse.ArgumentParser, title: str) -> None:
+    """Add python-can's flags, as a group with a title; its thirty interfaces are named only where one is misspelt."""
+    can.cli.add_bus_arguments(parser, group_title=title)
+    flag = next(action for action in parser._actions if action.dest == "interface")  # noqa: SLF001 - no public way
+    flag.metavar, flag.help = "INTERFACE", "kind of the bus: socketcan, softbus, or any other of python-can"
 
 
 def flagged_bus(arguments: argparse.Namespace) -> dict[str, Any]:

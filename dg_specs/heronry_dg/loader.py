@@ -62,7 +62,12 @@ def load(path: str | Path) -> Spec:
 
 def loads(text: str, name: str) -> Spec:
     """Load a spec from text; `name` stands for the file in messages. Raises SpecError."""
-    return _spec_of(text.encode("utf-8", "surrogatepass"), name, Findings(name))
+    return load_bytes(text.encode("utf-8", "surrogatepass"), name)
+
+
+def load_bytes(data: bytes, name: str) -> Spec:
+    """Load a spec from the bytes of a file that is called `name` in messages; raises SpecError."""
+    return _spec_of(data, name, Findings(name))
 
 
 def read_file(path: Path, findings: Findings) -> bytes | None:

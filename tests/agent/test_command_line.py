@@ -44,6 +44,20 @@ def test_a_bus_that_cannot_be_meant(
     assert says in line
 
 
+@pytest.mark.parametrize("text", ["dg: 1\nbuses: {}\n", "# an aircraft\n\ndg: 1\n"])
+def test_a_spec_in_the_place_of_a_table_is_to_be_compiled_first(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str
+) -> None:
+    file = tmp_path / "wing.dg.yaml"
+    file.write_text(text)
+    code, line = complaint(capsys, "--table", str(file), "-i", "softbus", "-c", "/no/such.sock")
+    assert code == 2
+    assert line == (
+        f"pe-agent: {file}: this is a spec and no table; compile it first, on a computer with the manager: "
+        "heronry table SPEC PE -o PE.table"
+    )
+
+
 def test_a_gateway_needs_every_bus_by_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "link.table"
     file.write_text(GATEWAY_TABLE.to_json())

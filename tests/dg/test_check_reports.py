@@ -13,7 +13,7 @@ from pydantic_sarif.model import StaticAnalysisResultsFormatSarifVersion210JsonS
 from heronry_dg.check.assess import Assessed, assess
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.machine_reports import github_report, json_report, junit_report, sarif_report
-from heronry_dg.check.text_report import concise, full, span_end, summary
+from heronry_dg.check.text_report import by_code, concise, full, span_end, summary
 from heronry_dg.findings import Finding, Place
 from heronry_dg.rules.rule import Severity
 from heronry_tools.analysis.check.registry import RULES, checks_of
@@ -173,3 +173,23 @@ def test_colours_change_nothing_but_the_colour() -> None:
     assert re.sub(r"\x1b\[[0-9;]*m", "", full(FILES, colour=True)) == full(FILES)
     assert concise(FILES).count("\n") == 2
     assert summary(FILES) == "3 specs checked: 1 error and 1 warning"
+
+
+def test_many_findings_begin_with_how_many_there_are_of_each_code() -> None:
+    place = Place(1, 1)
+    codes = [("DG401", Severity.WARNING)] * 4 + [("DG302", Severity.ERROR)] + [("DG201", Severity.ERROR)] * 2
+    found = tuple(Finding("f", place, code, severity, "no") for code, severity in codes)
+    lines = by_code([Assessed("f", found[:3]), Assessed("g", found[3:])], RULES).splitlines()
+    assert lines == [
+        f"   2 DG201 error  {RULES['DG201'].what}",
+        f"   1 DG302 error  {RULES['DG302'].what}",
+        f"   4 DG401 warning  {RULES['DG401'].what}",
+        "'heronry explain CODE' explains one, '--format concise' gives each a line.",
+        "",
+    ]
+    coloured = by_code([Assessed("f", found)], RULES, colour=True)
+    assert coloured != re.sub(r"\x1b\[[0-9;]*m", "", coloured)
+
+
+def test_few_findings_need_no_summary_before_them() -> None:
+    assert by_code(FILES, RULES) == ""

@@ -64,12 +64,15 @@ def test_no_code_lacks_twins_and_no_twin_its_code() -> None:
     assert {path.name for path in TWINS.iterdir()} == expected
 
 
-def test_a_file_that_is_not_there_and_its_twin_that_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "x.dg.yaml"
-    assert main(["check", str(path)]) == 1
+def test_a_file_that_leads_nowhere_and_its_twin_that_leads_to_a_spec(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, target = tmp_path / "x.dg.yaml", tmp_path / "target"
+    path.symlink_to(target)
+    assert main(["check", str(tmp_path)]) == 1
     assert f"{path}:1:1: DG001 error: " in capsys.readouterr().out
-    path.write_bytes(twins("DG006")[1])
-    assert main(["check", str(path)]) == 0
+    target.write_bytes(twins("DG006")[1])
+    assert main(["check", str(tmp_path)]) == 0
 
 
 def test_a_file_beyond_the_limit_and_its_twin_at_the_limit() -> None:

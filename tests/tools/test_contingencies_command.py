@@ -1,5 +1,6 @@
 """`heronry contingencies` as a user sees it: a file, its content, and its verification."""
 
+import json
 import re
 import subprocess
 import sys
@@ -186,3 +187,15 @@ def test_tables_take_what_fits_on_board(file: Path, tmp_path: Path, capsys: pyte
     assert {len(slices) for slices in held.values()} == {len(made.configurations)}
     assert main(["table", "elevator_and_chute", "tail_pe", "--contingencies", str(file)]) == 0
     assert capsys.readouterr().out == (tmp_path / "tail_pe.table").read_text()
+
+
+def test_what_was_made_and_what_is_wrong_for_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = tmp_path / "chute.contingencies"
+    words = ("--faults", "1", "--jobs", "1", "--json")
+    code, out, _ = run(capsys, "elevator_and_chute", "-o", str(made), *words)
+    told = json.loads(out)
+    assert (code, told["file"], told["bytes"]) == (0, str(made), made.stat().st_size)
+    assert (told["plans"], told["faults"], told["not_proven"]) == (25, 1, 0)
+    assert told["on_board"]["tail_pe"]["configurations"] > 0
+    code, out, _ = run(capsys, "--check", str(made), "elevator_and_chute", *words)
+    assert (code, json.loads(out)) == (0, {"correct": True, "plans": 25, "wrong": []})

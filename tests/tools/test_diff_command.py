@@ -1,8 +1,12 @@
 """`heronry diff` as a reviewer sees it: what changed, and what follows, phase by phase."""
 
 import json
+import os
 import random
 import re
+import subprocess
+import sys
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import pytest
@@ -76,6 +80,10 @@ def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
             "  elevator (A) no longer depends on pe:tail_pe; still on module:state_estimator, module:elevator_control, "
             "bus:can0"
         ),
+        "",
+        "check no longer says:",
+        "  DG401 warning, line 8: the loss of pe 'tail_pe' alone costs 'elevator' (A)",
+        "  DG410 warning, line 28: all branches of DEMUX 'elevator_out' are lost with pe 'tail_pe'",
     ]
 
 
@@ -229,7 +237,7 @@ def test_a_new_phase_is_held_against_what_there_was(capsys: pytest.CaptureFixtur
 def test_a_phase_that_is_gone_follows_from_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     lines = said(capsys, changed(tmp_path, PHASES, NO_CHUTE_IN_GLIDE), "elevator_and_chute").splitlines()
     assert "- phase:glide" in lines
-    assert lines[-1] == "consequences, against phase climb before: none"
+    assert "consequences, against phase climb before: none" in lines
 
 
 @pytest.mark.parametrize("arguments", [("elevator_and_chute", "missing.dg.yaml"), ("big_blu", "big_blue")])
@@ -245,3 +253,150 @@ def test_the_output_in_the_documentation_is_current(capsys: pytest.CaptureFixtur
     servo = "elevator_servo_2: {kind: actuator, pe: "
     moved = changed(tmp_path, (f"{servo}tail_pe", f"{servo}sensor_pe"))
     assert f"```text\n{said(capsys, 'elevator_and_chute', moved)}```\n" in Path("docs/render.md").read_text()
+
+
+FUSES = "absolute_pressure]}, gives: {altitude: 1}, cpu: "
+TOO_BIG = (f"{FUSES}0.20", f"{FUSES}0.60")
+
+
+def test_a_mode_that_has_become_too_big_for_every_pe_is_said(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    lines = said(capsys, "elevator_and_chute", changed(tmp_path, TOO_BIG)).splitlines()
+    assert "    modes.fused.cpu: 0.2 -> 0.6" in lines
+    found = lines[lines.index("check says newly:") + 1 :]
+    assert found[0].startswith("  DG302 error, line 35: mode 'fused' of module 'high_quality_altitude' fits no PE: ")
+
+
+def test_the_findings_of_check_are_in_json_as_check_writes_them(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = changed(tmp_path, TOO_BIG)
+    change = json.loads(said(capsys, "elevator_and_chute", file, "--json"))["check"]
+    assert change["gone"] == []
+    assert main(["check", file, "--json"]) == 1
+    every = json.loads(capsys.readouterr().out)
+    assert [one["code"] for one in change["new"]][:1] == ["DG302"]
+    assert all(one in every for one in change["new"])
+
+
+def test_a_comment_changes_what_check_says_and_nothing_else(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    solenoid = "  chute_solenoid: {"
+    file = changed(tmp_path, (solenoid, f"  # dg: ignore[DG401] one is enough\n{solenoid}"))
+    assert said(capsys, "elevator_and_chute", file).splitlines() == [
+        "elevator_and_chute: nothing changed",
+        "",
+        "check no longer says:",
+        "  DG401 warning, line 15: the loss of device 'chute_solenoid' alone costs 'parachute' (B)",
+    ]
+
+
+def test_findings_that_stay_are_counted(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = said(capsys, "elevator_and_chute", changed(tmp_path, ("cpu: 0.20, ram: 8KiB", "cpu: 0.21, ram: 8KiB")))
+    assert out.endswith("\n\ncheck: as before, 15 findings\n")
+
+
+@pytest.fixture
+def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A repository with one version committed, a second one staged, and a third one in the folder."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "specs" / "wing.dg.yaml"
+    file.parent.mkdir()
+    author = ("-c", "user.name=author", "-c", "user.email=author@localhost")
+    file.write_text(ELEVATOR_AND_CHUTE)
+    for words in (["init", "-q"], ["add", "."], [*author, "commit", "-qm", "first"]):
+        subprocess.run(["git", *words], check=True)
+    file.write_text(ELEVATOR_AND_CHUTE.replace("priority: 80", "priority: 81"))
+    subprocess.run(["git", "add", "."], check=True)
+    file.write_text(ELEVATOR_AND_CHUTE.replace("priority: 80", "priority: 82"))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("arguments", "priority"),
+    [
+        (("HEAD:specs/wing.dg.yaml", "specs/wing.dg.yaml"), "    priority: 80 -> 82\n"),
+        (("HEAD:specs/wing.dg.yaml", ":specs/wing.dg.yaml"), "    priority: 80 -> 81\n"),
+        ((":specs/wing.dg.yaml", "-"), "    priority: 81 -> 82\n"),
+        (("elevator_and_chute", "HEAD:./specs/wing.dg.yaml"), "elevator_and_chute: nothing changed\n"),
+    ],
+)
+def test_a_revision_what_is_staged_and_standard_input_can_be_compared(
+    repository: Path,
+    arguments: tuple[str, str],
+    priority: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "stdin", TextIOWrapper(BytesIO(repository.read_bytes())))
+    assert priority in said(capsys, *arguments)
+
+
+def test_a_pipe_can_be_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    """As a shell's <(...) gives one."""
+    reading, writing = os.pipe()
+    os.write(writing, ELEVATOR_AND_CHUTE.replace("priority: 80", "priority: 82").encode())
+    os.close(writing)
+    assert "    priority: 80 -> 82\n" in said(capsys, "elevator_and_chute", f"/dev/fd/{reading}")
+    os.close(reading)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("HEAD:nosuch.dg.yaml", "elevator_and_chute", "heronry: HEAD:nosuch.dg.yaml: path 'nosuch.dg.yaml' does not "),
+        ("nosuch:specs/wing.dg.yaml", "elevator_and_chute", "heronry: nosuch:specs/wing.dg.yaml: "),
+        ("-", "-", "heronry: only one of OLD and NEW can be standard input; name a file for the other"),
+    ],
+)
+@pytest.mark.usefixtures("repository")
+def test_what_git_does_not_have_is_one_sentence(
+    capsys: pytest.CaptureFixture[str], old: str, new: str, sentence: str
+) -> None:
+    assert main(["diff", old, new]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(sentence)
+
+
+def test_without_git_a_revision_is_one_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    assert main(["diff", "HEAD:wing.dg.yaml", "big_blue"]) == 2
+    assert "REV:PATH needs git, which is not installed" in capsys.readouterr().err
+
+
+def test_a_spec_that_is_read_again_must_be_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("sim", "exhaust", "demo"):
+        assert main([command, "-"]) == 2
+        assert "-: this command reads the spec more than once; write it to a *.dg.yaml" in capsys.readouterr().err
+
+
+FUSED = "fused:    {needs: {and: [gps_altitude, absolute_pressure]}, gives: {altitude: 1}, cpu: 0.20"
+GPS_ONLY = "      gps_only: {needs: gps_altitude, gives: {altitude: 2}, cpu: 0.10, ram: 4KiB, rate_hz: 10}\n"
+
+
+def removed_and_added(out: str) -> tuple[list[str], list[str]]:
+    """What is said on arrows that are gone, and on new ones."""
+    return re.findall(r'-\.->\|"(.*)"\|', out), re.findall(r'==>\|"(.*)"\|', out)
+
+
+def test_modes_that_become_one_are_a_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    one = changed(
+        tmp_path,
+        (GPS_ONLY, ""),
+        ("    flash: 12KiB\n    modes:\n      fused:    {needs", "    {flash: 12KiB, needs"),
+    )
+    out = said(capsys, "elevator_and_chute", one, "--format", "mermaid")
+    assert removed_and_added(out) == (["V1", "V1; 1", "V2", "V2; 2"], ["1"])
+    out = said(capsys, one, "elevator_and_chute", "--format", "mermaid")
+    assert removed_and_added(out) == (["1"], ["V1", "V1; 1", "V2", "V2; 2"])
+
+
+def test_a_mode_in_the_place_of_another_one_is_another_arrow(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    renamed = changed(tmp_path, (FUSED, FUSED.replace("fused:", "mixed:")))
+    out = said(capsys, "elevator_and_chute", renamed, "--format", "mermaid")
+    assert removed_and_added(out) == (["V1", "V1; 1"], ["V1", "V1; 1"])

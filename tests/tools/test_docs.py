@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
@@ -78,6 +78,7 @@ RULES = [
         is_long=True,
     ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
+    Rule(r"pip wheel .*", How.EXEMPT, "it fetches the build system; test_small_install.py builds the wheel"),
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
@@ -195,7 +196,11 @@ def tried(line: CommandLine, rule: Rule, workspace: Path) -> str | None:
 def workspace(tmp_path: Path) -> Path:
     """A copy of the checkout, without what tools have left in it."""
     left_out = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "htmlcov")
-    return Path(shutil.copytree(CHECKOUT, tmp_path / "heronry", ignore=left_out, symlinks=True))
+    folder = Path(shutil.copytree(CHECKOUT, tmp_path / "heronry", ignore=left_out, symlinks=True))
+    author = ("-c", "user.name=reader", "-c", "user.email=reader@localhost")
+    for words in (["init", "-q"], ["add", "dg_specs"], [*author, "commit", "-qm", "specs"]):
+        subprocess.run(["git", *words], cwd=folder, check=True)
+    return folder
 
 
 @pytest.mark.parametrize("document", [one for one in DOCUMENTS if any(command_lines(one))], ids=str)
@@ -252,9 +257,11 @@ def help_of(program: str) -> str:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
         patch.setenv("COLUMNS", "300")
         patch.setattr(sys, "argv", [*program.split(), "--help"])
-        with pytest.raises(SystemExit) as exited:
-            main()
-    assert not exited.value.code, f"`{program} --help` ended with {exited.value.code}"
+        try:
+            code = main()
+        except SystemExit as ended:
+            code = ended.code
+    assert not code, f"`{program} --help` ended with {code}"
     return said.getvalue()
 
 
@@ -344,3 +351,34 @@ def outcome(text: str, folder: Path) -> str | None:
     (line,) = command_lines(folder / "some.md")
     assert line.rule is not None
     return tried(line, line.rule, folder)
+
+
+def test_readme_leaves_no_untracked_file() -> None:
+    """What the README's commands write at the top of a checkout is ignored by git."""
+    lines = list(command_lines(Path("README.md")))
+    written = [name for line in lines for name in re.findall(r"(?:-o |--record |>\s?)(\S+)", line.text)]
+    assert len(written) >= 5
+    ended = subprocess.run(
+        ["git", "check-ignore", "--no-index", *written], cwd=CHECKOUT, capture_output=True, text=True, check=False
+    )
+    assert ended.stdout.split() == written
+
+
+def test_no_document_installs_heronry_from_where_it_is_not() -> None:
+    """It is on no package index: git, a checkout, a wheel or a wheelhouse has it."""
+    commands = [
+        (document, command)
+        for document in DOCUMENTS
+        for command in re.findall(r"pip install ([^`\n]*heronry\[[^`\n]*)", document.read_text())
+    ]
+    assert commands
+    assert [one for one in commands if not re.search(r"heronry\[\w+\] @ git\+|^--no-index -f ", one[1])] == []
+
+
+def test_the_revision_of_the_hook_exists() -> None:
+    (revision,) = re.findall(r"^ +rev: (\S+)$", Path("docs/check.md").read_text(), re.MULTILINE)
+    git = partial(subprocess.run, cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    if git(["git", "rev-parse", "--is-shallow-repository"]).stdout.strip() != "false":
+        pytest.skip("this checkout has not the whole history")
+    shown = git(["git", "show", f"{revision}:.pre-commit-hooks.yaml"])
+    assert "id: heronry-check" in shown.stdout, shown.stderr

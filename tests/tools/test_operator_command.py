@@ -78,3 +78,14 @@ def test_without_a_manager_one_sentence_says_what_to_do(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert main(["status"]) == 2
     assert "start one with 'heronry manager SPEC'" in capsys.readouterr().err
+
+
+def test_an_order_answers_a_program_too(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fail", "device:servo_left", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["done"]
+    assert answer["sentence"].startswith("device:servo_left counts as failed")
+    assert main(["phase", "glide", "--json"]) == 1
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"done": False, "sentence": "no phase is named 'glide'; there is none"}
+    assert printed.err == ""

@@ -429,3 +429,13 @@ def test_the_example_of_the_page_holds(tmp_path: Path, capsys: pytest.CaptureFix
     example = Path("docs/scenarios.md").read_text().split("```\n")[1]
     assert main(["scenario", str(written(tmp_path, example, head=""))]) == 0
     assert "holds" in capsys.readouterr().out
+
+
+def test_the_results_as_junit_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    results, file = tmp_path / "results.xml", written(tmp_path, FAILS)
+    assert main(["scenario", str(file), "-o", str(results)]) == 1
+    assert capsys.readouterr().out == ""
+    (suite,) = JUnitXml.fromfile(str(results))
+    assert (suite.tests, suite.failures) == (2, 1)
+    assert main(["scenario", str(file), "--format", "junit"]) == 1
+    assert capsys.readouterr().out == results.read_text()

@@ -136,6 +136,25 @@ def test_a_kill_and_a_return_word_for_word() -> None:
     assert "".join(line.text + "\n" for line in told(Story(ELEVATOR), list(flight()))) == STORY
 
 
+def test_a_function_that_was_never_wanted_ends_with_its_module_and_not_with_the_phase() -> None:
+    """The experiment's module runs on the ground for the guidance; when the ground is lost, that is what ended it."""
+    whole, without = (plan(BIG_BLUE, situation(BIG_BLUE, down)) for down in ((), ("pe:ground",)))
+    events = [*reconfiguration(0, 1, whole, "all joined"), *reconfiguration(9, 2, without, "pe:ground: silent")]
+    (line,) = (line for line in told(Story(BIG_BLUE), events) if "experiment is" in line.text)
+    assert line.text.strip() == (
+        "experiment is no longer served: experimental_autopilot, which ran on ground for what uses its data, "
+        "has ended; phase ascent does not want experiment for itself"
+    )
+    assert line.tone == "plain"
+
+
+def test_a_function_that_another_phase_does_not_want_ends_with_the_phase() -> None:
+    glide, landing = (plan(BIG_BLUE, situation(BIG_BLUE, phase=phase)) for phase in ("glide", "landing"))
+    events = [*reconfiguration(0, 1, glide, "all joined"), *reconfiguration(9, 2, landing, "phase landing")]
+    lines = [line.text.strip() for line in told(Story(BIG_BLUE), events)]
+    assert "experiment is no longer served: it is not wanted in phase landing" in lines
+
+
 def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
     tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
     assert tones["tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods"] == "fault"
@@ -442,4 +461,4 @@ def test_every_event_of_two_managers_can_be_shown(seed: int) -> None:
 def test_a_time_that_is_none_is_refused(option: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["demo", f"{option}={seconds}"])
-    assert capsys.readouterr().err.splitlines()[-1].startswith(f"heronry demo: error: argument {option}: ")
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"heronry demo: {option}: ")

@@ -1,74 +1,38 @@
 """The command `heronry`: one parser, one file per command, and nothing slow is imported before it is needed.
 
-A command file has `add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. A new
-command also needs its line in COMMANDS, and in the examples of `heronry --help` (`_EPILOG`) where it helps. Errors that
-a user can fix are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
+`command_table` names the commands; the help of all of them needs no more. A command file has `add_parsers(subparsers)`,
+which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes to the file of its -o
+(`console.output`).
+
+Exit codes, the same for every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a
+refusal; 2 what was typed cannot be used: an error that a user can fix is a `UserError`, one sentence on stderr. Ctrl-C
+ends with 130.
 """
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
-from typing import Final
 
-from heronry_tools.console.errors import exit_code
+from heronry_tools.command_table import COMMANDS, GROUPS
+from heronry_tools.console.errors import UserError, exit_code
+from heronry_tools.console.output import run_into_its_file, settled
+from heronry_wire.command_parser import CommandParser, close, program_version
 
-COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that it adds
-    "plan": ("plan", "verify"),
-    "demo": ("demo",),
-    "manager": ("manager",),
-    "operator": ("status", "phase", "fail", "clear", "unlock"),
-    "key": ("key",),
-    "table": ("table",),
-    "send_table": ("send-table",),
-    "doctor": ("doctor",),
-    "sim": ("sim",),
-    "exhaust": ("exhaust",),
-    "scenario": ("scenario",),
-    "replay": ("replay",),
-    "dbc": ("dbc",),
-    "eds": ("eds",),
-    "check": ("check",),
-    "rules": ("rules", "explain", "schema"),
-    "render": ("render",),
-    "diff": ("diff",),
-    "bus": ("bus",),
-    "bound": ("bound",),
-    "contingencies": ("contingencies",),
-    "campaign": ("campaign",),
-    "cutsets": ("cutsets",),
-    "why": ("why",),
-}
+_FIRST = """\
+Graceful degradation for CAN-bus avionics: plan, deploy, observe and test.
 
-_EPILOG = """\
-examples:
-  heronry demo                                   the whole system on a software bus: a kill, and what follows
-  heronry plan big_blue --down pe:flight         the best configuration without the flight computer
-  heronry plan big_blue --json >plan.json        ... as JSON
-  heronry verify big_blue plan.json              is that plan legal?
-  heronry bus big_blue                           every message on its buses, with its worst case
-  heronry bound big_blue                         how long a reconfiguration takes at most
-  heronry campaign big_blue --faults 1           what survives any single fault
-  heronry cutsets big_blue elevator              the smallest fault sets that lose a function
-  heronry why big_blue guidance --down device:gps --phase glide
-  heronry contingencies big_blue -o big_blue.contingencies      plans for all faults, made ahead for the manager
-  heronry manager my.dg.yaml -i socketcan -c can0
-  heronry key fleet.key                          a key: a node without it cannot command
-  heronry status                                 what the manager here knows; phase, fail, clear give orders to it
-  heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
-  heronry sim big_blue --runs 100                a hundred flights in virtual time, each with other faults
-  heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
-  heronry scenario kill.scenario                 a text file: what happens, and what is expected then
-  heronry replay flight.log big_blue             a recording run through the manager again: why it decided so
-  heronry dbc big_blue >big_blue.dbc             read the bus with cantools
-  heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
-  heronry check my.dg.yaml                       its errors and warnings, for editors, hooks and CI
-  heronry render big_blue -o big_blue.svg        its dependency graph as a picture
-  heronry diff big_blue my.dg.yaml               what changed, and what follows from it
-
-A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_and_chute.
-'heronry COMMAND --help' teaches each command by example.
+usage: heronry COMMAND [ARGUMENTS]   heronry COMMAND --help   heronry --version
 """
+_LAST = """\
+A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue,
+elevator_and_chute. 'heronry COMMAND --help' teaches each command by example.
+Machines read --json, and -o FILE keeps what a command says.
+Exit codes: 0 yes or done; 1 no, or findings; 2 what was typed cannot be used.
+"""
+
+
+_CLOSE = 0.75  # an option of a command, as --json, is no slip in --version
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -78,23 +42,51 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        prog="heronry",
-        description="Graceful degradation for CAN-bus avionics: plan, deploy, observe and test.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in _files_for(argv):
-        import_module(f"heronry_tools.commands.{name}").add_parsers(subparsers)
-    arguments = parser.parse_args(argv, argparse.Namespace(argv=tuple(argv)))
-    code: int = arguments.run(arguments)
-    return code
+    match argv:
+        case []:
+            sys.stderr.write(help_of_all())
+            return 2
+        case ["-h" | "--help" | "help"] | ["help", "-h" | "--help" | "help"]:
+            sys.stdout.write(help_of_all())
+            return 0
+        case ["--version" | "-V"]:
+            print(f"heronry {program_version()}")
+            return 0
+        case ["help", *command]:
+            return _run([*command, "--help"])
+        case _:
+            return _command(argv[0], argv)
 
 
-def _files_for(argv: Sequence[str]) -> list[str]:
-    """Give the command files whose parsers are needed: that of the given command, or all, as for --help."""
-    return [name for name, commands in COMMANDS.items() if argv and argv[0] in commands] or list(COMMANDS)
+def _command(name: str, argv: Sequence[str]) -> int:
+    _expect_command(name)
+    parser = CommandParser(prog="heronry")
+    subparsers = parser.add_subparsers()
+    import_module(f"heronry_tools.commands.{COMMANDS[name].module()}").add_parsers(subparsers)
+    return run_into_its_file(settled(parser.parse_args(argv, argparse.Namespace(argv=tuple(argv)))))
+
+
+def _expect_command(name: str) -> None:
+    if name.startswith("-"):
+        found = close(name, ("--help", "--version"), _CLOSE)
+        remedy = f"did you mean {found}?" if found else f"the command comes first: heronry COMMAND {name}"
+        raise UserError(f"there is no option {name} before a command; {remedy}")
+    if name not in COMMANDS:
+        found = close(name, COMMANDS)
+        remedy = f"did you mean '{found}'?" if found else "'heronry --help' lists all commands"
+        raise UserError(f"there is no command '{name}'; {remedy}")
+
+
+def help_of_all() -> str:
+    """All commands, by what a person is about to do, one line each."""
+    return "\n".join([_FIRST, *_groups(), _LAST])
+
+
+def _groups() -> Iterator[str]:
+    width = max(map(len, COMMANDS))
+    for title, commands in GROUPS.items():
+        yield f"{title}:"
+        yield "\n".join(f"  {command.name:<{width}}  {command.line}" for command in commands) + "\n"
 
 
 if __name__ == "__main__":

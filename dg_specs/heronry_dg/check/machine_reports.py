@@ -23,22 +23,23 @@ SARIF_SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/o
 
 def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
     """Give a JSON list with one object per finding."""
-    found = [
-        {
-            "file": finding.file,
-            "line": finding.place.line,
-            "column": finding.place.column,
-            "end_column": _end(assessed, finding),
-            "code": finding.code,
-            "name": rules[finding.code].name,
-            "severity": str(finding.severity),
-            "sentence": finding.sentence,
-            "hint": finding.hint,
-        }
-        for assessed in files
-        for finding in assessed.findings
-    ]
+    found = [finding_fields(assessed, finding, rules) for assessed in files for finding in assessed.findings]
     return json.dumps(found, indent=2, ensure_ascii=False) + "\n"
+
+
+def finding_fields(assessed: Assessed, finding: Finding, rules: Mapping[str, Rule]) -> dict[str, object]:
+    """Give one finding in a file, as JSON has it."""
+    return {
+        "file": finding.file,
+        "line": finding.place.line,
+        "column": finding.place.column,
+        "end_column": _end(assessed, finding),
+        "code": finding.code,
+        "name": rules[finding.code].name,
+        "severity": str(finding.severity),
+        "sentence": finding.sentence,
+        "hint": finding.hint,
+    }
 
 
 def github_report(files: Sequence[Assessed]) -> str:

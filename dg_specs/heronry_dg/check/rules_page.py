@@ -11,7 +11,7 @@ _MOST_LINES: Final = 24
 _HEAD: Final = """\
 # Rules
 
-All rules of `heronry check`. `heronry rules --docs >docs/rules.md` writes this page; `heronry explain DG203` shows one
+All rules of `heronry check`. `heronry rules -o docs/rules.md` writes this page; `heronry explain DG203` shows one
 rule. [check.md](check.md) tells how to select, ignore and raise codes.
 
 A finding that **stops** keeps the spec from being loaded by any command, and cannot be ignored. If an example shows

@@ -2,15 +2,17 @@
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from heronry_dg.check.assess import Assessed
 from heronry_dg.findings import Finding
-from heronry_dg.rules.rule import Severity
+from heronry_dg.rules.rule import Rule, Severity
 
 _Paint = Callable[[str, str], str]  # (text, name of its style) -> text with escape codes
 
+_FEW: Final = 5  # findings that need no summary before them
 _WIDEST_SOURCE: Final = 100  # characters of a source line that are shown
 _WORD: Final = re.compile(r'"(?:[^"\\]|\\.)*"|\'(?:[^\']|\'\')*\'|[^\s,\[\]{}:#]+|.')
 _STYLES: Final[Mapping[str, str]] = {
@@ -30,6 +32,19 @@ def span_end(line: str, column: int) -> int:
 def concise(files: Sequence[Assessed]) -> str:
     """Give one line per finding: `file:line:col: CODE severity: sentence (hint)`."""
     return "".join(f"{finding}\n" for assessed in files for finding in assessed.findings)
+
+
+def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
+    """How many findings there are of each code, before many of them; nothing before a few."""
+    counts = Counter((finding.severity, finding.code) for assessed in files for finding in assessed.findings)
+    if counts.total() <= _FEW:
+        return ""
+    paint = _painted if colour else _plain
+    lines = [
+        f"{count:4} {paint(f'{code} {severity}', severity)}  {rules[code].what}"
+        for (severity, code), count in sorted(counts.items(), key=lambda one: (one[0][0] is not Severity.ERROR, one[0]))
+    ]
+    return "\n".join([*lines, "'heronry explain CODE' explains one, '--format concise' gives each a line.", "", ""])
 
 
 def full(files: Sequence[Assessed], *, colour: bool = False) -> str:

@@ -26,8 +26,8 @@ a spec cannot be loaded). The check that finds the mistake calls:
     findings.add(UNUSED_THING, place, "nothing uses thing 'pump'", "remove it, or name it in 'uses'")
 
 The sentence describes the case at hand, with names and numbers; the hint says what to write. Then add two whole specs
-to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules --docs
->docs/rules.md`. The twins of older rules may break the new rule too: mend them, since each must earn its code alone.
+to tests/dg/twins, DG299.bad.yaml and DG299.good.yaml, that differ in one line, and run `heronry rules -o
+docs/rules.md`. The twins of older rules may break the new rule too: mend them, since each must earn its code alone.
 """
 
 from dataclasses import dataclass, field

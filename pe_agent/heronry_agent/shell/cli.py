@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
-from can.cli import add_bus_arguments
-
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
@@ -26,7 +24,8 @@ from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.ports import bus_configs
 from heronry_agent.shell.table_waiting import Waiting, WaitingCore
 from heronry_wire.authentication import Key
-from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus
+from heronry_wire.bus_arguments import add_bus_arguments, channel_configs, channels_named, flagged_bus
+from heronry_wire.command_parser import CommandParser, program_version
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
@@ -75,12 +74,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="pe-agent",
         description="Run the modules that the manager assigns to this processing element, and report to the manager.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"pe-agent {program_version()}")
     table = parser.add_mutually_exclusive_group(required=True)
     table.add_argument("--table", type=Path, metavar="FILE", help="the table of this PE, written by 'heronry table'")
     table.add_argument(
@@ -112,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument("-q", "--quiet", action="store_true", help="print only the reason why the agent ends")
     talk.add_argument("-v", "--verbose", action="store_true", help="print counts of refused and late frames at the end")
-    add_bus_arguments(parser, group_title="the bus toward the manager")
+    add_bus_arguments(parser, "the bus toward the manager")
     return parser
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -41,10 +42,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry bound`."""
     parser = subparsers.add_parser(
         "bound",
-        help="the worst-case reconfiguration time of every class of faults",
         description="Bound the time from a fault to the new configuration: detect, decide, distribute, activate.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
@@ -54,7 +53,7 @@ def add_parsers(subparsers: Any) -> None:
         metavar="MS",
         help="time to make a plan, in milliseconds, instead of measuring it",
     )
-    parser.add_argument("--json", action="store_true", help="write every element as JSON")
+    add_output(parser, "write every element as JSON")
     parser.set_defaults(run=run)
 
 

@@ -9,6 +9,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -35,10 +36,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry bus`."""
     parser = subparsers.add_parser(
         "bus",
-        help="every message on the buses: identifier, period, worst-case response time, load",
         description="Show what a plan puts on each bus: every message with its worst case, and the totals.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
@@ -46,7 +45,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="share that is left of a capacity")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
-    parser.add_argument("--json", action="store_true", help="write the messages as JSON")
+    add_output(parser, "write the messages as JSON")
     parser.set_defaults(run=run)
 
 

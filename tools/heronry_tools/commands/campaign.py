@@ -11,6 +11,7 @@ from typing import Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import JSON, add_output
 
 _EPILOG = """\
 A function is lost when the best plan does not serve it: because no plan can, or because the remaining
@@ -19,9 +20,9 @@ resources go to a more important function. Likelihoods come from the spec's rate
 examples:
   heronry campaign elevator_and_chute                             what survives one fault, and two
   heronry campaign big_blue --faults 1 --phase glide              single points of failure, while gliding
-  heronry campaign big_blue --faults 1 --html degradation.html    the same as a page with pictures
+  heronry campaign big_blue --faults 1 -o degradation.html        the same as a page with pictures
   heronry campaign elevator_and_chute --require "B after 1" --kinds device      exit code 1: broken, and by what
-  heronry campaign my.dg.yaml --require "A after 2" --require "B after 1 in landing" --json >campaign.json
+  heronry campaign my.dg.yaml --require "A after 2" --require "B after 1 in landing" -o campaign.json
 """
 
 
@@ -29,10 +30,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry campaign`."""
     parser = subparsers.add_parser(
         "campaign",
-        help="try every set of faults, and tell what survives",
         description="Plan for every set of faults and tell what survives: how gracefully a system degrades.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     add_scope_arguments(parser)
@@ -43,8 +42,8 @@ def add_parsers(subparsers: Any) -> None:
         default=[],
         help="a class or function that must survive any N faults; may be repeated; exit code 1 where one does not",
     )
-    parser.add_argument("--json", action="store_true", help="write the result as JSON")
-    parser.add_argument("--html", metavar="FILE", type=Path, help="also write a page with pictures")
+    add_output(parser, forms={"text": (), "json": JSON, "html": (".html", ".htm")})
+    parser.add_argument("--html", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: the page as well
     parser.set_defaults(run=run)
 
 
@@ -74,5 +73,6 @@ def run(arguments: argparse.Namespace) -> int:
     assessed = [(one, offences(spec, one, outcomes)) for one in required]
     if arguments.html is not None:
         write_whole(arguments.html, html_page(spec, scope, surveys, assessed).encode())
-    sys.stdout.write((json_report if arguments.json else text_report)(spec, scope, surveys, assessed))
+    report = {"text": text_report, "json": json_report, "html": html_page}[arguments.format]
+    sys.stdout.write(report(spec, scope, surveys, assessed))
     return 1 if any(broken for _, broken in assessed) else 0

@@ -1,7 +1,7 @@
 """`heronry check`: checks specs as a linter checks code, for editors, hooks and CI.
 
-Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 the command line cannot be used, 3 a defect of heronry.
-With --strict a warning is an error.
+Exit codes: 0 no errors (perhaps warnings), 1 errors, 2 what was typed cannot be used, as a file that is not there,
+3 a defect of heronry. With --strict a warning is an error.
 """
 
 import argparse
@@ -15,12 +15,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import JSON, Forms, add_output
 from heronry_wire.errors import HeronryError
 
 if TYPE_CHECKING:
     from heronry_dg.check.assess import Assessed, Choice
 
-_FORMATS: Final = ("full", "concise", "json", "github", "sarif", "junit")
+_FORMATS: Final[Forms] = {
+    "full": (),
+    "concise": (),
+    "json": JSON,
+    "github": (),
+    "sarif": (".sarif", *JSON),
+    "junit": (".xml",),
+}
 _STDIN: Final = "<stdin>"
 
 _EPILOG: Final = """\
@@ -31,7 +39,7 @@ examples:
   heronry check specs/ --quiet                   errors only; warnings are counted
   heronry check --select DG2,DG4 --ignore DG240  two families, without one code
   heronry check --error DG401 my.dg.yaml         this warning counts as an error
-  heronry check -o findings.sarif --output-format sarif
+  heronry check -o findings.sarif                for a forge that shows SARIF; --format names all forms
   heronry rules                                  all codes; heronry explain DG203 explains one
 
 In a spec:  speed: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
@@ -43,10 +51,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry check`."""
     parser = subparsers.add_parser(
         "check",
-        help="find what is wrong with specs, before they fly",
         description="Check specs against every rule. Exit code 0: no errors; 1: errors; 2: wrong usage.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "paths", metavar="PATH", nargs="*", default=["."], help="a spec, a folder of specs, or - for standard input"
@@ -59,10 +65,10 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="count these warnings as errors")
     parser.add_argument("--strict", action="store_true", help="count all warnings as errors")
     parser.add_argument("-q", "--quiet", action="store_true", help="report errors only, and the number of warnings")
-    parser.add_argument(
-        "--output-format", choices=_FORMATS, help="default: github where GITHUB_ACTIONS is set, full elsewhere"
+    forms = add_output(
+        parser, "write the findings as JSON", _FORMATS, "github where GITHUB_ACTIONS is set, full elsewhere"
     )
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    forms.add_argument("--output-format", dest="format", choices=tuple(_FORMATS), help=argparse.SUPPRESS)  # older
     parser.set_defaults(run=run)
 
 
@@ -101,7 +107,7 @@ def _run(arguments: argparse.Namespace) -> int:
     except _DefectError as defect:
         print(f"heronry: {defect}", file=sys.stderr)
         return 3
-    _write(report, arguments.output)
+    _write(report)
     return int(any(finding.severity is Severity.ERROR for one in assessed for finding in one.findings))
 
 
@@ -137,9 +143,19 @@ def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
         elif path.is_dir():
             found.update((str(file), file) for file in _specs_below(path))
         else:
-            shipped = _shipped(text)
-            found[str(shipped or path)] = shipped or path
+            file = _shipped(text) or path
+            _expect_readable(file)
+            found[str(file)] = file
     return iter(found.items())
+
+
+def _expect_readable(file: Path) -> None:
+    """Refuse a file that was named and is not there; one that is found below a folder is a finding (DG001)."""
+    if not os.access(file, os.R_OK):
+        from heronry_dg.shipped import shipped_spec_names  # noqa: PLC0415
+
+        why = "you may not read this file" if file.exists() else "there is no such file, folder or shipped spec"
+        raise UserError(f"{file}: {why}; name a *.dg.yaml, a folder, or one of {', '.join(shipped_spec_names())}")
 
 
 def _specs_below(folder: Path) -> list[Path]:
@@ -199,14 +215,16 @@ def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]
 
 def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", arguments: argparse.Namespace) -> str:
     from heronry_dg.check import text_report  # noqa: PLC0415
+    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
 
-    form = arguments.output_format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full")
+    form = arguments.format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full")
     match form:
         case "concise":
             return text_report.concise(told)
         case "full":
-            colour = arguments.output is None and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-            return f"{text_report.full(told, colour=colour)}{text_report.summary(assessed)}\n"
+            colour = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+            by_code = text_report.by_code(told, RULES, colour=colour)
+            return f"{by_code}{text_report.full(told, colour=colour)}{text_report.summary(assessed)}\n"
     return _machine_report(told, form)
 
 
@@ -231,10 +249,7 @@ def _version() -> str:
     return version("heronry")
 
 
-def _write(text: str, file: Path | None) -> None:
+def _write(text: str) -> None:
     """Write a report; characters that the terminal's encoding lacks are escaped."""
-    if file is not None:
-        file.write_text(text, encoding="utf-8")
-        return
     sys.stdout.buffer.write(text.encode(sys.stdout.encoding or "utf-8", "backslashreplace"))
     sys.stdout.flush()

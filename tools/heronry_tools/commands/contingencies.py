@@ -4,10 +4,12 @@ Exit codes: 0 the file was written, or every entry of it is correct; 1 an entry 
 """
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
+from heronry_tools.console.output import add_json
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -32,16 +34,15 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry contingencies`."""
     parser = subparsers.add_parser(
         "contingencies",
-        help="plan ahead for every fault, and write a file for the manager",
         description="Plan for every set of faults in every phase, and keep the plans in one file.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
     what.add_argument("--check", metavar="FILE", type=Path, help="make no plans; verify every entry of this file")
     add_scope_arguments(parser)
+    add_json(parser, "write what was made, or what is wrong, as JSON")
     parser.set_defaults(run=run)
 
 
@@ -60,7 +61,10 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
     scope = scope_of(spec, arguments)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         written = sweep_into(arguments.output, spec, scope, executor)
-    _report(spec, arguments.output, written)
+    if arguments.json:
+        print(json.dumps(_document(spec, arguments.output, written), indent=2))
+    else:
+        _report(spec, arguments.output, written)
     return 0
 
 
@@ -85,6 +89,28 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
         print(f"pe {one.pe}: {one.held} configurations on board, {room}{where}")
 
 
+def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
+    from heronry_manager.core.on_board import on_board  # noqa: PLC0415
+
+    made, tally, scope = written.made, written.tally, written.made.scope
+    return {
+        "file": str(file),
+        "bytes": written.size,
+        "spec": spec.digest,
+        "faults": scope.faults,
+        "elements": list(scope.elements),
+        "phases": [one.phase for one in made.phases],
+        "plans": scope.set_count() * len(made.phases),
+        "searched": tally.searched,
+        "configurations": len(made.configurations),
+        "not_proven": sum(not plan.optimal for _, _, plan in made.entries()),
+        "on_board": {
+            one.pe: {"configurations": one.held, "bytes": len(one.block), "room": one.room}
+            for one in on_board(spec, made)
+        },
+    }
+
+
 def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415
     from heronry_tools.analysis.campaign.checking import faults_of  # noqa: PLC0415
@@ -93,9 +119,12 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     made = read_contingencies(arguments.check, spec)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         wrong = faults_of(spec, made, executor)
+    entries = made.scope.set_count() * len(made.phases)
+    if arguments.json:
+        print(json.dumps({"correct": not wrong, "plans": entries, "wrong": wrong}, indent=2))
+        return 1 if wrong else 0
     for sentence in wrong:
         print(sentence)
     if not wrong:
-        entries = made.scope.set_count() * len(made.phases)
         print(f"{entries} plans and {len(made.phases)} safe modes: each is legal and worth what the file says")
     return 1 if wrong else 0

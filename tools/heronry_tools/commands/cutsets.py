@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import feasible, jobs_of, kinds_of
+from heronry_tools.console.output import add_output
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -34,10 +35,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry cutsets`."""
     parser = subparsers.add_parser(
         "cutsets",
-        help="find the smallest sets of faults that lose a function",
         description="Find the smallest sets of faults that lose a function: by logic, and by resources.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
@@ -54,7 +53,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--phase", metavar="NAME", help="the phase for --given-up (default: the first one of the spec)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
-    parser.add_argument("--json", action="store_true", help="write the result as JSON")
+    add_output(parser)
     parser.set_defaults(run=run)
 
 

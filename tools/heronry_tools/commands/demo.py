@@ -28,16 +28,13 @@ Times are in seconds after the first configuration runs. Ctrl-C ends the demo; n
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry demo`."""
-    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
-
     from heronry_tools.console.spec_argument import add_spec_argument  # noqa: PLC0415
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser = subparsers.add_parser(
         "demo",
-        help="run a manager and all PEs as processes, kill some, and watch",
         description="Start the bus (if needed), the manager and every PE, each as its own process; kill and restore.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser, default="big_blue")
     parser.add_argument(
@@ -81,7 +78,7 @@ def add_parsers(subparsers: Any) -> None:
         default=[],
         help="another bus of the spec on this channel (default: a software bus)",
     )
-    add_bus_arguments(parser, group_title="the manager's bus (default: vcan0 where there is one, else a software bus)")
+    add_bus_arguments(parser, "the manager's bus (default: vcan0 where there is one, else a software bus)")
     parser.set_defaults(run=run)
 
 

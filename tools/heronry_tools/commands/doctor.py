@@ -12,6 +12,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.console.output import add_output
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 if TYPE_CHECKING:
@@ -41,14 +42,12 @@ sends no commands. Do not use it in flight: there the manager is the only SDO cl
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry doctor`."""
-    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser = subparsers.add_parser(
         "doctor",
-        help="check whether this node is fit to fly, and tell what to type where it is not",
         description="Check this computer, its CAN interface, and what is heard on the bus.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "spec", metavar="SPEC", nargs="?", help="what should be on the bus: a spec, or the *.table of a PE"
@@ -57,8 +56,8 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--wait", type=float, default=0.0, metavar="S", help="repeat until everything is right, for up to S seconds"
     )
-    parser.add_argument("--json", action="store_true", help="write the findings as JSON")
-    add_bus_arguments(parser, group_title="the bus")
+    add_output(parser, "write the findings as JSON")
+    add_bus_arguments(parser, "the bus")
     parser.set_defaults(run=run)
 
 

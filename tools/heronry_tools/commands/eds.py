@@ -2,8 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
+
+from heronry_tools.console.output import add_output_file
 
 _EPILOG = """\
 examples:
@@ -18,21 +19,16 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry eds`."""
     parser = subparsers.add_parser(
         "eds",
-        help="write the EDS of a PE, for CANopen tools",
         description="Write the object dictionary of a PE as an electronic data sheet (CiA 306).",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    add_output_file(parser)
     parser.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(_arguments: argparse.Namespace) -> int:
     """Write the EDS; returns the exit code."""
     from heronry_wire.eds import eds_text  # noqa: PLC0415 - as in every command: imported only when it runs
 
-    if arguments.output is None:
-        sys.stdout.write(eds_text())
-    else:
-        arguments.output.write_text(eds_text(), encoding="ascii")
+    sys.stdout.write(eds_text())
     return 0

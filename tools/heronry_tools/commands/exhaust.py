@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import processors, whole_number
+from heronry_tools.console.output import add_output
 from heronry_tools.console.progress import Progress
-from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec_file, spec_path
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
 
 if TYPE_CHECKING:
@@ -46,10 +47,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry exhaust`."""
     parser = subparsers.add_parser(
         "exhaust",
-        help="lose, double or delay each message of every reconfiguration, or crash a node at that message",
         description="Fly every single fault at every message of every reconfiguration, and check each flight.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--sample", type=whole_number, metavar="N", help="fly only N single faults, drawn at random")
@@ -72,9 +71,7 @@ def add_parsers(subparsers: Any) -> None:
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
     add_compiled_argument(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="write the flights and their failures, or the counts of --count, as JSON"
-    )
+    add_output(parser, "write the flights and their failures, or the counts of --count, as JSON")
     parser.set_defaults(run=run)
 
 
@@ -85,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.sim.flight.exhaustive import fly_case  # noqa: PLC0415
     from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
 
-    spec = load_spec(arguments.spec)
+    spec = load_spec_file(arguments.spec)
     check_images(spec)
     if arguments.count:
         counts = _counts(spec, arguments)

@@ -1,8 +1,11 @@
 """`heronry key`: the key with which manager and PEs authenticate their frames (protocol rule 11)."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
+
+from heronry_tools.console.output import add_json
 
 _EPILOG = """\
 examples:
@@ -21,13 +24,12 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry key`."""
     parser = subparsers.add_parser(
         "key",
-        help="make the key with which manager and PEs authenticate their frames",
         description="Make a key in a new file, and print its fingerprint.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="the file of the key")
     parser.add_argument("--check", action="store_true", help="make no key; print the fingerprint of the one in FILE")
+    add_json(parser, "write the fingerprint as JSON")
     parser.set_defaults(run=run)
 
 
@@ -36,5 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_wire.key_file import make_key, read_key  # noqa: PLC0415 - as in every command
 
     key = read_key(arguments.file) if arguments.check else make_key(arguments.file)
-    print(f"{arguments.file}: key {key.fingerprint}")
+    told = {"file": str(arguments.file), "fingerprint": key.fingerprint}
+    print(json.dumps(told) if arguments.json else f"{arguments.file}: key {key.fingerprint}")
     return 0

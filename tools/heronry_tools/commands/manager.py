@@ -26,16 +26,13 @@ CAN_* variables are read, too. 'heronry status', 'phase', 'fail' and 'clear' on 
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry manager`."""
-    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
-
     from heronry_tools.console.spec_argument import add_spec_argument  # noqa: PLC0415
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser = subparsers.add_parser(
         "manager",
-        help="run the system manager on a bus",
         description="Follow the PEs, plan, and deploy: the system manager of one spec.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
@@ -72,7 +69,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
-    add_bus_arguments(parser, group_title="the manager's bus")
+    add_bus_arguments(parser, "the manager's bus")
     parser.set_defaults(run=run)
 
 

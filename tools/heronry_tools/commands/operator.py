@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.console.output import add_json, add_output
+
 _STATUS_EPILOG = """\
 examples:
   heronry status                       status of the system, from the one manager that runs here
@@ -37,9 +39,10 @@ Only a PE with a key is locked. While it is unlocked, any node on the bus can wr
 def add_parsers(subparsers: Any) -> None:
     """Add the parsers of the five orders."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
-    status.add_argument("--json", action="store_true", help="print the whole status as one JSON object")
+    add_output(status, "print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
     phase.add_argument("what", metavar="NAME", help="a phase of the spec")
+    add_json(phase)
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
         ("clear", "count an element as working again", _CLEAR_EPILOG),
@@ -49,15 +52,14 @@ def add_parsers(subparsers: Any) -> None:
         parser.add_argument(
             "what", metavar="ELEMENT", help="KIND:NAME, for example pe:nav, device:gps, module:autopilot"
         )
+        add_json(parser)
 
 
 def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         name,
-        help=sentence,
         description=f"{sentence[0].upper()}{sentence[1:]}: an order to the manager that runs on this computer.",
         epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
@@ -88,5 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
         "unlock": UnlockPe,
     }
     answer = call(path, orders[arguments.order](arguments.what))
-    print(answer.sentence if answer.done else f"heronry: {answer.sentence}", file=None if answer.done else sys.stderr)
+    if arguments.json:
+        print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
+    elif answer.done:
+        print(answer.sentence)
+    else:
+        print(f"heronry: {answer.sentence}", file=sys.stderr)
     return 0 if answer.done else 1

@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import add_output
 from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ examples:
   heronry plan elevator_and_chute --down device:gps          ... but the GPS
   heronry plan big_blue --down pe:nav --down bus:radio       a computer and the radio are down
   heronry plan big_blue --limit bus:radio=40% --phase glide  a bad radio link, while gliding
-  heronry plan big_blue --json >now.json                     the plan as JSON, to keep and to compare
+  heronry plan big_blue -o now.json                          the plan as JSON, to keep and to compare
   heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it,
                                                              and the way there: which modules stop before which start
 """
@@ -53,10 +54,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parsers of `heronry plan` and `heronry verify`."""
     plan = subparsers.add_parser(
         "plan",
-        help="find the best configuration of a spec, whatever is down",
         description="Find the best legal configuration of a spec in a situation, and prove that it is the best.",
         epilog=_PLAN_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_spec(plan)
     _add_situation(plan)
@@ -75,19 +74,18 @@ def add_parsers(subparsers: Any) -> None:
         metavar="E",
         help="limit on the search: the solver's count of its work, about seconds, equal on every computer (default 60)",
     )
-    plan.add_argument("--json", action="store_true", help="write the plan as JSON")
+    add_output(plan, "write the plan as JSON")
     plan.set_defaults(run=run_plan)
 
     verify = subparsers.add_parser(
         "verify",
-        help="verify a plan: is it legal, and which rules does it break?",
         description="Verify a plan against every rule, without a planner.",
         epilog=_VERIFY_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_spec(verify)
     verify.add_argument("plan", metavar="PLAN.json", help="the plan to verify (- for standard input)")
     _add_situation(verify)
+    add_output(verify, "write the broken rules as JSON")
     verify.set_defaults(run=run_verify)
 
 
@@ -187,8 +185,9 @@ def run_verify(arguments: argparse.Namespace) -> int:
     with errors_name(arguments.plan):
         now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     violations = verify(spec, now, configuration)
-    for violation in violations:
-        print(violation)
-    if not violations:
-        print("legal: no rule is broken")
+    if arguments.json:
+        broken = [{"rule": one.rule, "where": one.where, "sentence": one.sentence} for one in violations]
+        print(json.dumps({"legal": not violations, "violations": broken}, indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(map(str, violations)) or "legal: no rule is broken")
     return 1 if violations else 0

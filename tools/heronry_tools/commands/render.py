@@ -5,10 +5,10 @@ Exit codes: 0 it is drawn; 2 the input cannot be used.
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import add_output
 
 if TYPE_CHECKING:
     from heronry_tools.reports.render.graph import Graph
@@ -21,7 +21,7 @@ examples:
   heronry render elevator_and_chute -o graph.svg
   heronry render big_blue --function parachute -o parachute.svg         what the parachute depends on
   heronry render big_blue --down pe:nav -o without_nav.svg              what cannot run without a processor
-  heronry plan big_blue --json >plan.json && heronry render big_blue --plan plan.json -o running.svg
+  heronry plan big_blue -o plan.json && heronry render big_blue --plan plan.json -o running.svg
   heronry render my.dg.yaml --format mermaid                            for Markdown on a forge
   heronry render my.dg.yaml --format dot | dot -Tpdf -o graph.pdf       for Graphviz
 """
@@ -31,19 +31,16 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry render`."""
     parser = subparsers.add_parser(
         "render",
-        help="draw a spec's dependency graph",
         description="Draw the dependency graph of a spec: as SVG, or as text for Mermaid or Graphviz.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
-    parser.add_argument("--format", choices=("svg", "mermaid", "dot"), default="svg", help="default: svg")
     parser.add_argument("--function", metavar="NAME", help="only what may contribute to this function")
     parser.add_argument(
         "--plan", metavar="PLAN.json", help="mark what a plan runs and wires, and what is down in it (- for stdin)"
     )
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    add_output(parser, forms={"svg": (".svg",), "mermaid": (".mmd", ".mermaid"), "dot": (".dot", ".gv")})
     parser.set_defaults(run=run)
 
 
@@ -52,11 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.reports.render.svg import svg  # noqa: PLC0415 - `--help` does not need it
     from heronry_tools.reports.render.text import dot, mermaid  # noqa: PLC0415
 
-    text = {"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments))
-    if arguments.output is None:
-        sys.stdout.write(text)
-    else:
-        arguments.output.write_text(text, encoding="utf-8")
+    sys.stdout.write({"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments)))
     return 0
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.made_ahead import Ahead, add_contingencies_argument, contingencies_of
+from heronry_tools.console.output import add_output
 from heronry_tools.console.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -40,10 +41,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry replay`."""
     parser = subparsers.add_parser(
         "replay",
-        help="run a recorded bus through the manager again, and compare its decisions",
         description="Run a recorded bus through the manager's core again, explain its decisions, and compare them.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("recording", metavar="FILE.log", type=Path, help="a candump log")
     add_spec_argument(parser)
@@ -53,7 +52,7 @@ def add_parsers(subparsers: Any) -> None:
     single = "the plans for every single fault, if the manager called a plan by its number"
     add_contingencies_argument(parser, "with which the manager flew", single)
     parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
-    parser.add_argument("--json", action="store_true", help="write everything as JSON")
+    add_output(parser, "write everything as JSON")
     parser.set_defaults(run=run)
 
 

@@ -3,41 +3,68 @@
 import argparse
 import json
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import JSON, add_output, add_output_file
+from heronry_wire.command_parser import close
 
+if TYPE_CHECKING:
+    from heronry_dg.rules.rule import Rule
+
+_RULES_EPILOG = """\
+examples:
+  heronry rules                                  a line for each code
+  heronry rules | grep DG4                       the family of dependability
+  heronry rules --json | jq '.[] | select(.severity == "error") | .code'
+  heronry rules --format markdown -o rules.md    all of them explained, with examples
+"""
+_EXPLAIN_EPILOG = """\
+examples:
+  heronry explain DG201                          a name that refers to nothing
+  heronry explain dg401                          codes may be written small
+  heronry explain unknown-variable               the name of a rule does as well
+  heronry explain DG401 --json | jq -r .fix
+"""
+_FIELDS = ("code", "name", "severity", "stops", "what", "why", "fix", "bad", "good")
 _SCHEMA_EPILOG = """\
 An editor with the YAML language server completes and checks specs that begin with this line:
   # yaml-language-server: $schema=dg.schema.json
 examples:
-  heronry schema >dg.schema.json
+  heronry schema -o dg.schema.json
 """
 
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parsers of the three commands."""
     rules = subparsers.add_parser(
-        "rules", help="list all rules of heronry check", description="List all rules of heronry check."
+        "rules",
+        description="List all rules of heronry check: code, severity, name, and what each finds.",
+        epilog=_RULES_EPILOG,
     )
-    form = rules.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="write the rules, examples included, as JSON")
-    form.add_argument("--docs", action="store_true", help="write docs/rules.md")
+    forms = add_output(
+        rules,
+        "write the rules, examples included, as JSON",
+        {"text": (), "json": JSON, "markdown": (".md",)},
+    )
+    forms.add_argument("--docs", dest="format", action="store_const", const="markdown", help=argparse.SUPPRESS)  # older
     rules.set_defaults(run=run_rules)
 
     explain = subparsers.add_parser(
-        "explain", help="explain a finding, and how to fix it", description="Explain a code, as DG203."
+        "explain",
+        description="Explain a code: what it finds, why that matters, how to mend it, and a spec before and after.",
+        epilog=_EXPLAIN_EPILOG,
     )
     explain.add_argument("code", metavar="CODE", help="a code, or the name of its rule")
+    add_output(explain, "write the rule as JSON")
     explain.set_defaults(run=run_explain)
 
     schema = subparsers.add_parser(
         "schema",
-        help="write the JSON schema of specs, for editors",
         description="Write the JSON schema (draft 7) of a spec.",
         epilog=_SCHEMA_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_output_file(schema)
     schema.set_defaults(run=run_schema)
 
 
@@ -46,12 +73,10 @@ def run_rules(arguments: argparse.Namespace) -> int:
     from heronry_dg.check.rules_page import page, table  # noqa: PLC0415 - pydantic is slow to import
     from heronry_tools.analysis.check.registry import FAMILIES, RULES  # noqa: PLC0415
 
-    if arguments.docs:
+    if arguments.format == "markdown":
         sys.stdout.write(page(FAMILIES))
     elif arguments.json:
-        fields = ("code", "name", "severity", "stops", "what", "why", "fix", "bad", "good")
-        rules = [{field: getattr(rule, field) for field in fields} for rule in RULES.values()]
-        sys.stdout.write(json.dumps(rules, indent=2) + "\n")
+        sys.stdout.write(json.dumps([_fields(rule) for rule in RULES.values()], indent=2) + "\n")
     else:
         sys.stdout.write(table(RULES.values()))
     return 0
@@ -65,9 +90,15 @@ def run_explain(arguments: argparse.Namespace) -> int:
     wanted = arguments.code.strip()
     rule = RULES.get(wanted.upper()) or next((rule for rule in RULES.values() if rule.name == wanted.lower()), None)
     if rule is None:
-        raise UserError(f"there is no code '{wanted}'; heronry rules lists all codes")
-    sys.stdout.write(explained(rule))
+        found = close(wanted.lower(), [rule.name for rule in RULES.values()])
+        remedy = f"did you mean '{found}'?" if found else "heronry rules lists all codes"
+        raise UserError(f"there is no code '{wanted}'; {remedy}")
+    sys.stdout.write(json.dumps(_fields(rule), indent=2) + "\n" if arguments.json else explained(rule))
     return 0
+
+
+def _fields(rule: "Rule") -> dict[str, object]:
+    return {field: getattr(rule, field) for field in _FIELDS}
 
 
 def run_schema(_arguments: argparse.Namespace) -> int:

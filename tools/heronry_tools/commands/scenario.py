@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import JSON, add_output
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.whole_file import expect_writable, write_whole
 
@@ -40,24 +41,22 @@ examples:
   heronry scenario kill.scenario -i softbus             real processes on software buses of its own
   heronry scenario kill.scenario -i socketcan -c vcan0  real processes, the manager's bus is vcan0
   heronry scenario kill.scenario -i softbus --patience 5  on a busy computer
-  heronry scenario *.scenario --junit results.xml
+  heronry scenario *.scenario -o results.xml                  as JUnit XML, for CI
 """
 
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry scenario`."""
-    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser = subparsers.add_parser(
         "scenario",
-        help="fly scenario files, in the simulator or with real processes, and check what they expect",
         description="Fly scenario files, in the simulator or with real processes, and check what they expect.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
-    parser.add_argument("--json", action="store_true", help="write one JSON object per file")
-    parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
+    add_output(parser, "write one JSON object per file", {"text": (), "json": JSON, "junit": (".xml",)})
+    parser.add_argument("--junit", metavar="FILE", type=Path, help=argparse.SUPPRESS)  # older: the results as well
     parser.add_argument(
         "--rewrite", action="store_true", help="write FILE.golden anew, if every expectation holds (simulator only)"
     )
@@ -67,7 +66,7 @@ def add_parsers(subparsers: Any) -> None:
         type=_patience,
         help="for real processes on a busy computer: 'within 80ms' means N times 80 ms (1 to 100; default 1)",
     )
-    add_bus_arguments(parser, group_title="real processes, with this bus for the manager (default: the simulator)")
+    add_bus_arguments(parser, "real processes, with this bus for the manager (default: the simulator)")
     parser.set_defaults(run=run)
 
 
@@ -87,11 +86,14 @@ def run(arguments: argparse.Namespace) -> int:
     for flown in _flown(arguments, scripts):
         show_line("")
         flights.append(flown)
-        print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
+        if arguments.format != "junit":
+            print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
     if arguments.junit is not None:
         write_whole(arguments.junit, junit(flights).encode())
     failed = sum(not flown.holds for flown in flights)
-    if len(flights) > 1 and not arguments.json:
+    if arguments.format == "junit":
+        sys.stdout.write(junit(flights))
+    elif len(flights) > 1 and not arguments.json:
         print(f"{len(flights)} scenarios, {failed} failed")
     return 1 if failed else 0
 

@@ -6,12 +6,14 @@ accepts the manager; then the PE answers that it is locked. So the command repea
 """
 
 import argparse
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
+from heronry_tools.console.output import add_json
 
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
@@ -30,14 +32,12 @@ key the manager, which must run on this computer, unlocks the PE first, as with 
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry send-table`."""
-    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
 
     parser = subparsers.add_parser(
         "send-table",
-        help="send a waiting PE its table, over the bus",
         description="Compile the table of a PE and write it into the PE by SDO.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", help="name of the PE")
@@ -51,7 +51,8 @@ def add_parsers(subparsers: Any) -> None:
         metavar="PATH",
         help="with --key: the manager's socket, where it was started with --socket",
     )
-    add_bus_arguments(parser, group_title="the bus that is the uplink of the PE; either channel of a replicated one")
+    add_json(parser, "write what was sent as JSON")
+    add_bus_arguments(parser, "the bus that is the uplink of the PE; either channel of a replicated one")
     parser.set_defaults(run=run)
 
 
@@ -76,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
         _send(flags, node, text)
     else:
         _send(flags, node, key.sealed(text), lambda: _unlock(arguments.socket, spec.name, pe))
-    print(f"{pe}, node {node}, has its table: {len(text)} bytes")
+    told = {"pe": pe, "node": node, "bytes": len(text)}
+    print(json.dumps(told) if arguments.json else f"{pe}, node {node}, has its table: {len(text)} bytes")
     return 0
 
 

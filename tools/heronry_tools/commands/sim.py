@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import flights, processors, whole_number
+from heronry_tools.console.output import add_output
 from heronry_tools.console.progress import show_line
-from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec_file, spec_path
 from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share, written_share
 
@@ -68,10 +69,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry sim`."""
     parser = subparsers.add_parser(
         "sim",
-        help="fly a spec in the simulator, with faults, and check every flight",
         description="Fly a spec in virtual time with the real cores and modules: same seed, same frames.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
@@ -116,7 +115,7 @@ def add_parsers(subparsers: Any) -> None:
         help="look for the fewest faults with which the flight fails; writes SPEC-seed-N.scenario",
     )
     add_compiled_argument(parser)
-    parser.add_argument("--json", action="store_true", help="write one JSON object per flight, and one for all flights")
+    add_output(parser, "write one JSON object per flight, and one for all flights")
     parser.set_defaults(run=run)
 
 
@@ -127,7 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
     from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
 
-    spec = load_spec(arguments.spec)
+    spec = load_spec_file(arguments.spec)
     check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0

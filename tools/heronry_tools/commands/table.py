@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
+from heronry_tools.console.output import add_output_file
 from heronry_tools.runtime.table_files import table_texts, write_tables
 
 _EPILOG = """\
@@ -21,14 +22,12 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry table`."""
     parser = subparsers.add_parser(
         "table",
-        help="compile the table that a PE's agent needs",
         description="Compile what one PE needs of a spec: modules, modes, identifiers, ports.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    add_output_file(parser)
     parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
     add_contingencies_argument(parser, CARRIED)
     parser.set_defaults(run=run)
@@ -48,9 +47,5 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.all is not None:
         write_tables(spec, spec.pes, arguments.all, made)
         return 0
-    text = table_texts(spec, [arguments.pe], made)[arguments.pe] + "\n"
-    if arguments.output is None:
-        sys.stdout.write(text)
-    else:
-        arguments.output.write_text(text)
+    sys.stdout.write(table_texts(spec, [arguments.pe], made)[arguments.pe] + "\n")
     return 0

@@ -8,6 +8,8 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.console.output import add_output
+
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_tools.analysis.why.assumptions import Assumption
@@ -29,16 +31,14 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry why`."""
     parser = subparsers.add_parser(
         "why",
-        help="tell why a function is not served, and what would repair it",
         description="Tell why a function is not served, or only in a worse mode, and the smallest repair.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
-    parser.add_argument("--json", action="store_true", help="write the answer as JSON")
+    add_output(parser, "write the answer as JSON")
     parser.set_defaults(run=run)
 
 

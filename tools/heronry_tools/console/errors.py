@@ -15,9 +15,14 @@ _EXTRAS: Final = {
     "distributed": "cluster",
     "highspy": "dev",
 }
-_ENOUGH: Final = {  # a smaller extra has what these commands need
-    (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")
+_SMALLER: Final = {
+    **dict.fromkeys(("check", "explain", "rules", "schema"), "check"),
+    "doctor": "doctor",
+    "dbc": "watch",
 }
+_ENOUGH: Final = {  # a smaller extra has what these commands need
+    (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()
+} | {("canopen", "doctor"): "doctor"}
 _NO_MORE: Final = {
     errno.ENOSPC,
     errno.EDQUOT,

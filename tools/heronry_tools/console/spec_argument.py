@@ -1,7 +1,14 @@
-"""The SPEC argument of every command: a file, or the name of a shipped spec."""
+"""The SPEC argument of every command: a file, or the name of a shipped spec.
+
+Where a command reads it once, it may also be `-` (standard input), the <(...) of a shell, and REV:PATH, a file in a
+revision of git.
+"""
 
 import argparse
 import difflib
+import subprocess
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,15 +32,55 @@ def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = 
     )
 
 
+@dataclass(frozen=True, slots=True)
+class SpecText:
+    """What SPEC names, as bytes, and the name that stands for its file in messages."""
+
+    name: str
+    data: bytes
+
+    def load(self) -> "Spec":
+        """Load it; raises SpecError."""
+        from heronry_dg.loader import load_bytes  # noqa: PLC0415 - slow to import, and a node has no need of it
+
+        return load_bytes(self.data, self.name)
+
+
 def load_spec(text: str) -> "Spec":
     """Load what SPEC names; raises UserError or SpecError."""
-    from heronry_dg.loader import load  # noqa: PLC0415 - slow to import, and a node has no need of it
+    return spec_text(text).load()
 
-    return load(spec_path(text))
+
+def load_spec_file(text: str) -> "Spec":
+    """Load what SPEC names, which is a file: processes of this command read it again. Raises UserError or SpecError."""
+    spec_path(text)
+    return load_spec(text)
+
+
+def spec_text(text: str) -> SpecText:
+    """Read what SPEC names: a file, a shipped spec, `-`, a pipe, or REV:PATH in git; raises UserError or SpecError."""
+    from heronry_dg.findings import Findings  # noqa: PLC0415
+    from heronry_dg.loader import read_file  # noqa: PLC0415
+    from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
+
+    if text == "-":
+        return SpecText("<stdin>", sys.stdin.buffer.read(MOST_BYTES + 1))
+    if _is_in_git(text):
+        return SpecText(text, _from_git(text))
+    path = Path(text) if _is_pipe(text) else spec_path(text)
+    findings = Findings(str(path))
+    data = read_file(path, findings)
+    if data is None:
+        raise findings.error()
+    return SpecText(str(path), data)
 
 
 def spec_path(text: str) -> Path:
-    """File that SPEC names; raises UserError."""
+    """File that SPEC names, for a command whose processes read it again; raises UserError."""
+    if text == "-" or _is_pipe(text) or _is_in_git(text):
+        raise UserError(f"{text}: this command reads the spec more than once; write it to a *.dg.yaml, and name that")
+    if text.endswith(".table"):
+        raise UserError(f"{text}: a table is what 'heronry table' compiles from a spec; name the *.dg.yaml itself")
     if Path(text).suffix:
         return Path(text)
     if text in SHIPPED:
@@ -45,6 +92,28 @@ def spec_path(text: str) -> Path:
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
     )
+
+
+def _is_pipe(text: str) -> bool:
+    """Tell whether this is a pipe, as the <(...) of a shell is."""
+    return Path(text).is_fifo() or text.startswith("/dev/fd/")
+
+
+def _is_in_git(text: str) -> bool:
+    """Tell whether this is REV:PATH, and no file; an empty REV is what is staged."""
+    return ":" in text and not text.startswith("-") and not Path(text).exists()
+
+
+def _from_git(text: str) -> bytes:
+    """Content of a file in a revision; raises UserError."""
+    try:
+        done = subprocess.run(["git", "cat-file", "blob", text], capture_output=True, check=False)
+    except FileNotFoundError:
+        raise UserError(f"{text}: REV:PATH needs git, which is not installed; name a *.dg.yaml") from None
+    if done.returncode == 0:
+        return done.stdout
+    why = done.stderr.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("fatal: ")
+    raise UserError(f"{text}: {why} (git); PATH counts from the top of the repository, ./PATH from this folder")
 
 
 def named_function(spec: "Spec", name: str) -> "Function":

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from heronry_dg.model import Spec
+from heronry_dg.model import Function, Spec
 
 Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 
@@ -170,7 +170,7 @@ class Story:
         yield Line(four)
         if before:
             yield from _moves(before, self._plan)
-            yield from _consequences(before, self._plan)
+            yield from _consequences(self.spec, before, self._plan)
         else:
             yield from self._roster()
 
@@ -232,11 +232,11 @@ def _place(module: Mapping[str, Any]) -> str:
     return str(module["pe"]) if module["mode"] == "only" else f"{module['pe']} ({module['mode']})"
 
 
-def _consequences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[Line]:
+def _consequences(spec: Spec, before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[Line]:
     for name, now in after["functions"].items():
         was = before["functions"][name]
         if was["served"] and not now["served"]:
-            yield Line(f"  {name} is no longer served: {now['why_not']}", "bad")
+            yield _no_longer_served(spec.functions[name], before, after)
         elif now["served"] and not was["served"]:
             yield Line(f"  {name} is served again ({now['mode']}, value {now['value']})", "good")
         elif now["served"] and now["value"] != was["value"]:
@@ -247,3 +247,16 @@ def _consequences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterat
         yield Line(
             f"  worth of the data used: {before['objective']['inputs']} -> {after['objective']['inputs']} points"
         )
+
+
+def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapping[str, Any]) -> Line:
+    """Why a function has ended: where the phase did not want it before either, its module ran for others."""
+    name, phase = function.name, after["phase"]
+    if function.priority_in(phase) > 0 or function.priority_in(before["phase"]) > 0:
+        return Line(f"  {name} is no longer served: {after['functions'][name]['why_not']}", "bad")
+    module = next(output for output in function.outputs if output in before["modules"])
+    where = f"phase {phase}" if phase is not None else "this spec"
+    return Line(
+        f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} for what uses its "
+        f"data, has ended; {where} does not want {name} for itself"
+    )

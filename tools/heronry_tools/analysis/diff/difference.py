@@ -1,4 +1,4 @@
-"""The difference of two specs: their elements, and what follows from them phase by phase.
+"""The difference of two specs: their elements, what follows from them phase by phase, and what `check` says of them.
 
 A phase that only the new spec has is compared with the old spec's first one, since there is no other; so is a spec
 without phases. A phase that only the old spec has is not compared.
@@ -11,6 +11,7 @@ from typing import TypeVar
 from heronry_dg.model import Spec
 from heronry_tools.analysis.diff.consequences import Consequences
 from heronry_tools.analysis.diff.elements import ElementChange, element_changes
+from heronry_tools.analysis.diff.findings import FindingsChange
 
 V = TypeVar("V")
 
@@ -48,12 +49,13 @@ class Difference:
     new: Spec
     elements: tuple[ElementChange, ...]
     phases: tuple[PhaseDifference, ...]
+    findings: FindingsChange
 
 
-def difference(old: Spec, new: Spec) -> Difference:
-    """Compare two specs."""
+def difference(old: Spec, new: Spec, findings: FindingsChange) -> Difference:
+    """Compare two specs, about which `heronry check` has findings."""
     changes = element_changes(old, new)
-    return Difference(old, new, changes, tuple(_phases(old, new)) if changes else ())
+    return Difference(old, new, changes, tuple(_phases(old, new)) if changes else (), findings)
 
 
 def _phases(old: Spec, new: Spec) -> Iterator[PhaseDifference]:

@@ -6,9 +6,14 @@ The text has one line a change: `+` for added, `-` for removed, `~` for changed;
 import json
 from collections.abc import Iterator, Sequence
 
+from heronry_dg.check.assess import Assessed
+from heronry_dg.check.machine_reports import finding_fields
 from heronry_dg.model import Spec
+from heronry_dg.rules.rule import Severity
+from heronry_tools.analysis.check.registry import RULES
 from heronry_tools.analysis.diff.difference import Difference, Moved, PhaseDifference
 from heronry_tools.analysis.diff.elements import ElementChange, FieldChange
+from heronry_tools.analysis.diff.findings import FindingsChange
 
 _SIGNS = {"added": "+", "removed": "-", "changed": "~"}
 
@@ -16,7 +21,8 @@ _SIGNS = {"added": "+", "removed": "-", "changed": "~"}
 def text_report(found: Difference) -> str:
     """Write a difference for people."""
     if not found.elements:
-        return f"{found.new.name}: nothing changed\n"
+        changed = list(_findings_lines(found.findings))
+        return "\n".join([f"{found.new.name}: nothing changed", *(["", *changed] if changed else [])]) + "\n"
     counts = {change: sum(one.change == change for one in found.elements) for change in _SIGNS}
     said = ", ".join(f"{count} {change}" for change, count in counts.items() if count)
     lines = [f"{found.new.name}: {said}", ""]
@@ -24,7 +30,21 @@ def text_report(found: Difference) -> str:
         lines += _element_lines(element)
     for phase in found.phases:
         lines += ["", *_phase_lines(found, phase)]
-    return "\n".join(lines) + "\n"
+    findings = list(_findings_lines(found.findings)) or [f"check: as before, {_counted(found.findings.stay)}"]
+    return "\n".join([*lines, "", *findings]) + "\n"
+
+
+def _counted(count: int) -> str:
+    return f"{count or 'no'} finding{'s' * (count != 1)}"
+
+
+def _findings_lines(findings: FindingsChange) -> Iterator[str]:
+    """What check says newly, and what it says no longer; an error first, since it keeps a spec from flying."""
+    for title, assessed in (("check says newly:", findings.new), ("check no longer says:", findings.old)):
+        if assessed.findings:
+            yield title
+            for finding in sorted(assessed.findings, key=lambda one: one.severity is not Severity.ERROR):
+                yield f"  {finding.code} {finding.severity}, line {finding.place.line}: {finding.sentence}"
 
 
 def _element_lines(element: ElementChange) -> Iterator[str]:
@@ -117,8 +137,16 @@ def json_report(found: Difference) -> str:
             }
             for phase in found.phases
         ],
+        "check": {
+            "new": _findings_fields(found.findings.new),
+            "gone": _findings_fields(found.findings.old),
+        },
     }
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def _findings_fields(assessed: Assessed) -> list[dict[str, object]]:
+    return [finding_fields(assessed, finding, RULES) for finding in assessed.findings]
 
 
 def _pair(values: Sequence[object]) -> dict[str, object]:

@@ -54,9 +54,14 @@ def mermaid_node(number: str, node: Node, look: str) -> str:
 
 def mermaid_edge(numbers: Mapping[str, str], graph: Graph, edge: Edge, arrow: str) -> str:
     """Write one edge."""
-    label = "; ".join(_edge_words(graph, edge)).replace("<", "#lt;")  # labels are HTML
+    return mermaid_arrow(numbers[edge.source], arrow, edge_words(graph, edge), numbers[edge.target])
+
+
+def mermaid_arrow(source: str, arrow: str, words: str, target: str) -> str:
+    """Write an arrow with words on it."""
+    label = words.replace("<", "#lt;")  # labels are HTML
     said = f'|"{label}"|' if label else ""
-    return f"  {numbers[edge.source]} {arrow}{said} {numbers[edge.target]}"
+    return f"  {source} {arrow}{said} {target}"
 
 
 def _words(node: Node) -> Iterator[str]:
@@ -70,6 +75,11 @@ def _words(node: Node) -> Iterator[str]:
     yield from node.note.splitlines()
     for cell in node.cells:
         yield f"<s>{cell.label}</s>" if cell.dead else f"<b>{cell.label}</b>" if cell.chosen else cell.label
+
+
+def edge_words(graph: Graph, edge: Edge) -> str:
+    """What is said on an edge of a graph: the modes at its ends, and its versions."""
+    return "; ".join(_edge_words(graph, edge))
 
 
 def _edge_words(graph: Graph, edge: Edge) -> Iterator[str]:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.demo import DEFAULT_SECONDS
@@ -25,7 +25,7 @@ _AFTER_LAST_ACTION_S = 5.0
 
 def play(arguments: argparse.Namespace) -> int:
     """Run one demo; gives its exit code."""
-    spec = load_spec(arguments.spec)
+    spec = load_spec_file(arguments.spec)
     actions: list[DemoAction | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
     actions = sorted([*actions, *read_phases(spec, arguments.phase)], key=lambda action: action.at_s)
     last_s = actions[-1].at_s + _AFTER_LAST_ACTION_S if actions else DEFAULT_SECONDS

@@ -47,7 +47,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.spec_argument import load_spec, named_function, spec_path
+from heronry_tools.console.spec_argument import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
 from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
 
@@ -241,7 +241,7 @@ class _Reader:
     def _loaded(self, name: str) -> tuple[Spec, Path]:
         path = str(self.file.parent / name) if Path(name).suffix else name
         try:
-            return load_spec(path), spec_path(path)
+            return load_spec_file(path), spec_path(path)
         except UserError as error:
             self._refuse(str(error))
 

@@ -1,0 +1,74 @@
+"""How every program of heronry reads its command line: one sentence for a mistake, with the closest known spelling.
+
+argparse answers a mistake with the whole usage and with names of its own types. This parser says what is wrong, what
+may have been meant and where help is, and ends with 2, as for any other input that cannot be used. An option has one
+spelling: a shortened one is a mistake, too, since a script that uses it would break with the next option.
+"""
+
+import argparse
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from typing import Any, NoReturn
+
+_NOT_READ = re.compile(r"invalid (\w+) value: (.*)")
+_MISSING = re.compile(r"the following arguments are required: (.*)")
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose epilog keeps its lines, and whose mistakes are one sentence; exit code 2."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(*arguments, **{**options, "allow_abbrev": False})
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse; what is unknown is refused here, where the options that may have been meant are known."""
+        known, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(self._unknown(left))
+        return known, left
+
+    def error(self, message: str) -> NoReturn:
+        """End with one sentence."""
+        said = _NOT_READ.sub(lambda found: f"{found[2]} is not a {_kind(found[1])}", message)
+        said = _MISSING.sub(lambda found: f"{found[1]} {'are' if ',' in found[1] else 'is'} missing", said)
+        see = "" if "; " in said else f"; see '{self.prog} --help'"  # what follows a semicolon is a remedy
+        self.exit(2, f"{self.prog}: {said.removeprefix('argument ')}{see}\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(action, f"there is no '{value}'; {meant(str(value), known)}")
+
+    def _unknown(self, left: Sequence[str]) -> str:
+        option = next((word.partition("=")[0] for word in left if word.startswith("-") and word != "-"), None)
+        if option is None:
+            return f"'{left[0]}' is one argument too many"
+        shown = [name for action in self._actions if action.help != argparse.SUPPRESS for name in action.option_strings]
+        found = close(option, shown)
+        return f"there is no option {option}" + (f"; did you mean {found}?" if found else "")
+
+
+def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
+    """The known word that is closest to another one; None where none is as like as this share, 0 to 1."""
+    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
+
+
+def meant(word: str, known: Sequence[str]) -> str:
+    """What may have been meant: the closest known word, else all of them."""
+    found = close(word, known)
+    return f"did you mean '{found}'?" if found else f"there is {', '.join(known)}"
+
+
+def program_version() -> str:
+    """Version of heronry as it is installed."""
+    return version("heronry")
+
+
+def _kind(type_name: str) -> str:
+    """What a value should have been: all readers of values in this project read numbers."""
+    return "whole number" if type_name in ("int", "whole_number") else "number"

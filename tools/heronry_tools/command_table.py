@@ -1,0 +1,77 @@
+"""The commands of `heronry`: what each is called, what it is for in one line, and beside which others help shows it.
+
+A new command is one entry here and one file below `commands/`. The groups stand in the order in which a person comes to
+need them. A line is at most 62 characters, so that the list fits a terminal of 80 columns, and says no more than what
+the command is for; `heronry COMMAND --help` teaches it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+HELP: Final = "help"  # the one command without a file
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command: its name, its line in the help, and the file below `commands/` that adds its parser."""
+
+    name: str
+    line: str
+    file: str = ""
+
+    def module(self) -> str:
+        """Name of the file in `commands/`; where none is given it is the name of the command."""
+        return self.file or self.name.replace("-", "_")
+
+
+GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
+    "start": (
+        Command("demo", "watch an aircraft lose a computer and reconfigure"),
+        Command(HELP, "this list, or what one command does: heronry help plan"),
+    ),
+    "write a spec": (
+        Command("check", "find what is wrong with specs, as a linter does"),
+        Command("explain", "what one finding of 'check' means, and how to mend it", "rules"),
+        Command("rules", "all rules of 'check'", "rules"),
+        Command("schema", "the JSON schema of specs, for editors", "rules"),
+        Command("render", "draw the dependency graph"),
+        Command("diff", "what a change of a spec changes, and what follows from it"),
+    ),
+    "what if": (
+        Command("plan", "the best configuration, whatever is down"),
+        Command("verify", "is that plan legal, and which rules does it break?", "plan"),
+        Command("why", "why a function is not served, and what would repair it"),
+        Command("bus", "planned traffic: each message's worst case, each bus's load"),
+        Command("bound", "the longest time that a reconfiguration takes"),
+        Command("campaign", "what survives every set of faults"),
+        Command("cutsets", "the smallest sets of faults that lose a function"),
+    ),
+    "try": (
+        Command("sim", "fly in virtual time with drawn faults, and check each flight"),
+        Command("scenario", "fly a written story, and check what it expects"),
+        Command("exhaust", "one fault at every message of every reconfiguration"),
+    ),
+    "deploy": (
+        Command("contingencies", "make the plans for all faults ahead, for the manager"),
+        Command("table", "compile the table from which a PE's agent runs"),
+        Command("send-table", "send that table over the bus to a PE that waits for it"),
+        Command("key", "make the key that proves the frames of manager and PEs"),
+        Command("doctor", "is this computer fit to fly, and what to type if not"),
+    ),
+    "fly": (
+        Command("manager", "run the system manager on a bus"),
+        Command("phase", "the operator's order: enter another mission phase", "operator"),
+        Command("fail", "the operator's order: plan without an element", "operator"),
+        Command("clear", "the operator's order: an element works again", "operator"),
+        Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),
+    ),
+    "watch": (
+        Command("status", "what the manager on this computer knows", "operator"),
+        Command("replay", "a recorded bus through the manager again: why it decided so"),
+        Command("dbc", "a DBC with which cantools decodes the bus"),
+        Command("eds", "an EDS with which CANopen tools read a PE"),
+    ),
+}
+
+COMMANDS: Final[Mapping[str, Command]] = {command.name: command for group in GROUPS.values() for command in group}

@@ -1,0 +1,113 @@
+"""Where the output of a command goes, and in which form: --json, --format and -o FILE, the same in every command.
+
+Text is for people, JSON for machines; where there are more forms, --format names them all. -o FILE takes what would be
+printed. The ending of FILE chooses the form where no option does: a plan in `plan.json` is JSON. A FILE with the ending
+of another form is refused, so that no picture named .png holds SVG. A file is written when the command has ended, whole
+or not at all (`whole_file`); a device or a pipe is written as it is.
+"""
+
+import argparse
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from functools import partial
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import Final
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.whole_file import expect_writable, write_whole
+
+Forms = Mapping[str, tuple[str, ...]]
+"""Names of forms, the usual one first, and the endings of their files."""
+
+JSON: Final = (".json",)
+_TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
+_PICTURES: Final = (".png", ".pdf", ".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".ps", ".eps")
+
+
+def add_output_file(parser: argparse.ArgumentParser) -> None:
+    """Add -o FILE to a command that has one form of output."""
+    parser.add_argument(
+        "-o", "--output", dest="report_file", metavar="FILE", type=Path, help="write here instead of to standard output"
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, what: str = "write the answer as JSON") -> None:
+    """Add --json to a command whose output is not kept in a file."""
+    parser.add_argument("--json", action="store_true", help=what)
+
+
+def add_output(
+    parser: argparse.ArgumentParser,
+    what: str = "write the result as JSON",
+    forms: Forms = _TEXT_OR_JSON,
+    usual: str | None = None,
+) -> argparse._MutuallyExclusiveGroup:
+    """Add -o FILE, --json, and --format where there are more forms than text and JSON.
+
+    what: the help of --json. usual: the help on the default, where it is not the first form. Returns the group of the
+    options that choose a form, for older spellings.
+    """
+    add_output_file(parser)
+    choice = parser.add_mutually_exclusive_group()
+    if len(forms) > len(_TEXT_OR_JSON):
+        default = usual or next(iter(forms))
+        choice.add_argument(
+            "--format", choices=tuple(forms), help=f"the form (default: by the ending of FILE, else {default})"
+        )
+    if "json" in forms:
+        choice.add_argument("--json", dest="format", action="store_const", const="json", help=what)
+    parser.set_defaults(forms=forms, has_usual_form=usual is None)
+    return choice
+
+
+def settled(arguments: argparse.Namespace) -> argparse.Namespace:
+    """Decide the form: `format`, which is None for a default of the command's own, and `json`; raises UserError."""
+    forms: Forms | None = getattr(arguments, "forms", None)
+    if forms is None:
+        return arguments
+    file: Path | None = arguments.report_file
+    named = None if file is None else _form_of(file, forms)
+    form = getattr(arguments, "format", None)
+    if file is not None and form is not None and named is not None and file.suffix.lower() not in forms[form]:
+        raise UserError(f"{file}: a file with this ending is {named}, and {form} was asked for; name another file")
+    usual = next(iter(forms)) if arguments.has_usual_form else None
+    arguments.format = form or named or usual
+    arguments.json = arguments.format == "json"
+    return arguments
+
+
+def _form_of(file: Path, forms: Forms) -> str | None:
+    """Form that the ending of a file names; None for an ending that says nothing. Raises UserError."""
+    ending = file.suffix.lower()
+    found = next((form for form, endings in forms.items() if ending in endings), None)
+    if found is None and ending in _PICTURES:
+        drawn = file.with_suffix(".svg")
+        known = dict.fromkeys(one for endings in forms.values() for one in endings)
+        remedy = f"convert an SVG: -o {drawn}, then rsvg-convert -f {ending[1:]} -o {file} {drawn}"
+        raise UserError(
+            f"{file}: this command writes no {ending[1:].upper()}; "
+            + (remedy if "svg" in forms else f"what it writes ends in {', '.join(known)}, or in .txt")
+        )
+    return found
+
+
+def run_into_its_file(arguments: argparse.Namespace) -> int:
+    """Run a command, and put what it prints into the file of -o; where it fails, nothing is written. Returns its code.
+
+    Codes 0 and 1 are answers; any other one, and an exception, leave FILE as it was.
+    """
+    run: Callable[[argparse.Namespace], int] = arguments.run
+    file: Path | None = getattr(arguments, "report_file", None)
+    if file is None or str(file) == "-":
+        return run(arguments)
+    is_stream = file.exists() and not file.is_file() and not file.is_dir()
+    if not is_stream:
+        expect_writable(file)
+    text = TextIOWrapper(BytesIO(), encoding="utf-8", newline="", write_through=True)
+    with redirect_stdout(text):
+        code = run(arguments)
+    if code <= 1:
+        text.seek(0)
+        (file.write_bytes if is_stream else partial(write_whole, file))(text.buffer.read())
+    return code
