@@ -18,7 +18,7 @@ from heronry_dg.rules.rule import Rule
 MOST_CORES: Final = 1_000
 LARGEST_MEMORY: Final = 1 << 40
 MOST_HZ: Final = 1_000_000
-MOST_BITS_PER_S: Final = 10**12
+MOST_BITS_PER_S: Final = 10**10
 MOST_MS: Final = 3_600_000
 
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")

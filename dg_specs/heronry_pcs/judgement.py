@@ -26,15 +26,15 @@ class Judgement:
 
     document: Json
 
-    def holds(self, predicate: str) -> bool:
-        """Tell whether a predicate is known to hold; `on_path`: of every plant among the members."""
-        if predicate == "on_path":
-            return not self.off_path()
-        return self.document.get(predicate) is True
+    def holds(self, predicate: str, plants: Collection[str] | None = None) -> bool:
+        """Tell whether a predicate is known to hold; `on_path`: of some plants, of all members that are plants if None.
 
-    def off_path(self) -> list[str]:
-        """Plants among the members that are on no path."""
-        return [name for name, member in self.document["components"].items() if member.get("on_path") is False]
+        A plant that is not among the members of a view is passed over.
+        """
+        if predicate != "on_path":
+            return self.document.get(predicate) is True
+        members = self.document["components"].items()
+        return not any(facts.get("on_path") is False for name, facts in members if plants is None or name in plants)
 
 
 def judge(

@@ -27,6 +27,9 @@ from heronry_pcs.script_syntax import Call, Define, ScriptError, read_script
 Pick = Callable[[str, str], Leaf | None]
 """The space's leaf of a name and an image, or None."""
 
+Target = Callable[[Leaf, str], str]
+"""The port of a leaf that the end of an edge names."""
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -37,10 +40,14 @@ class Outcome:
     after: Graph
 
 
-def interpret(text: str, graph: Graph, pick: Pick | None = None) -> Outcome:
-    """Apply a script to a graph; `pick`: the leaves that may be created, those of the graph's space if left out."""
+def interpret(text: str, graph: Graph, pick: Pick | None = None, target: Target = lambda _leaf, port: port) -> Outcome:
+    """Apply a script to a graph.
+
+    pick: the leaves that may be created; those of the graph's space if left out.
+    target: how the end of an edge names a port, where that is not the port's own name.
+    """
     statements, errors = read_script(text)
-    run = _Run(graph, pick or _picked_from(graph.leaves))
+    run = _Run(graph, pick or _picked_from(graph.leaves), target)
     for statement in statements:
         match statement:
             case Define():
@@ -62,9 +69,10 @@ def _picked_from(leaves: Mapping[str, Leaf]) -> Pick:
 class _Run:
     """One interpretation: the graph as the statements so far have made it."""
 
-    def __init__(self, graph: Graph, pick: Pick) -> None:
+    def __init__(self, graph: Graph, pick: Pick, target: Target) -> None:
         self._before = graph
         self._pick = pick
+        self._target = target
         self._leaves = dict(graph.leaves)
         self._composites = dict(graph.composites)
         self._vertices = set(graph.vertices)
@@ -193,9 +201,13 @@ class _Run:
 
     def _edge(self, call: Call) -> Edge | None:
         """The edge of an operation whose ends are both there; None where one is not, or was not made."""
-        start, end = call.arguments
+        start, end = call.arguments[0], self._named_by(call.arguments[1])
         judged = [self._has_end(call.line, vertex) for vertex in (start, end)]
         return (start, end) if all(judged) else None
+
+    def _named_by(self, vertex: str) -> str:
+        name, dot, port = vertex.partition(".")
+        return f"{name}{dot}{self._target(self._leaves[name], port)}" if name in self._leaves else vertex
 
     def _has_end(self, line: int, vertex: str) -> bool:
         name, _, port = vertex.partition(".")
