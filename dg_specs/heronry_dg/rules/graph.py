@@ -7,7 +7,7 @@ check/graph.py checks the others, from DG230 on, in a spec that loads. How a rul
 from typing import Final
 
 from heronry_dg.rules.rule import Family
-from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, pes
+from heronry_dg.rules.samples import DISPLAY, DRIVER, ROOM, RUNS, doubled, pes
 
 FAMILY: Final = Family("DG2", "the graph: names, gates, wiring", fast=True)
 
@@ -339,8 +339,8 @@ NO_LOOP = FAMILY.error(
     what="No wiring, over all modes, puts a plant of class A or B on a control path.",
     why="Nothing that sees the plant leads to anything that moves it, so nothing controls it, whatever runs.",
     fix="Read its sensor in a module that leads to its actuator, or correct `moved_by`, `seen_by` and `affects`.",
-    bad="plants:\n  room: {moved_by: [lamp], criticality: A}\n",
-    good="plants:\n  room: {moved_by: [lamp], seen_by: [gps], criticality: A}\n",
+    bad=doubled("E") + "plants:\n  room: {moved_by: [lamp, second_lamp], criticality: A}\n",
+    good=doubled("E") + ROOM,
 )
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
