@@ -58,7 +58,7 @@ class Cycles:
 
 
 def cycles(graph: Graph, search: Search = bounds_alone) -> Cycles:
-    """Judge the component-cycles of a graph."""
+    """Assess the component-cycles of a graph."""
     touching = neighbors(graph)
     rings = [block for block in blocks(touching) if len(block) >= LEAST_CYCLE]
     found = [_searched(touching, ring, frozenset(), search) for ring in rings]

@@ -3,7 +3,7 @@
 A *space* is a set of leaves, each with ports. A vertex is `leaf.port`, split at the first dot; its *parent* is the
 leaf. An edge is an ordered pair of vertices of the space. A graph is (V, E, C): vertices, edges (whose ends may lie
 outside V) and names of members. A member is a (V, E, C) as well: a leaf is (its ports, {}, {}), and a composite says
-what it has. Nothing here demands that a graph makes sense: predicates.py judges that.
+what it has. Nothing here demands that a graph makes sense: predicates.py assesses that.
 
 A graph of this module has no unknown names: each name in a C is a leaf or a composite, and each vertex is a port of a
 leaf of the space. Nothing is ever changed; an operation gives another graph.

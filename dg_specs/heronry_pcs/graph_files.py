@@ -82,7 +82,7 @@ def _part(part: Part) -> Json:
 
 
 class _Found(Findings):
-    """Findings that are all PCS001, whoever makes them: the reader of YAML has rules of specs."""
+    """Findings that are all PCS001, whichever reader makes them: the reader of YAML has rules of specs."""
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
         """Note a mistake under PCS001; a hint that is about specs is left out."""

@@ -202,8 +202,8 @@ class _Run:
     def _edge(self, call: Call) -> Edge | None:
         """The edge of an operation whose ends are both there; None where one is not, or was not made."""
         start, end = call.arguments[0], self._named_by(call.arguments[1])
-        judged = [self._has_end(call.line, vertex) for vertex in (start, end)]
-        return (start, end) if all(judged) else None
+        there = [self._has_end(call.line, vertex) for vertex in (start, end)]
+        return (start, end) if all(there) else None
 
     def _named_by(self, vertex: str) -> str:
         name, dot, port = vertex.partition(".")

@@ -2,7 +2,7 @@
 
 A *model* is a component graph that is whole and nested. A *view* of it is a set of members that share no vertex and
 have all vertices together. Each is seen closed, as (its vertices, {}, {}), and the edges of the view are those that no
-member of it holds with both ends. Predicates may be asked of a view; loops are always judged in the model.
+member of it holds with both ends. Predicates may be asked of a view; loops are always assessed in the model.
 
 Contraction replaces the members of a view that are inside a component by that component; with `parts` it first makes a
 new composite of them. Expansion replaces a component by the largest components in it. The model changes only where a

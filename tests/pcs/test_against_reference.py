@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import pcs.reference as ref
 from heronry_pcs import operations, views
+from heronry_pcs.assessment import assess
 from heronry_pcs.cycles import cycles
 from heronry_pcs.graph import Graph, PcsError
-from heronry_pcs.judgement import judge
 from heronry_pcs.loops import home, loops
 from heronry_pcs.predicates import PREDICATES, broken
 from heronry_tools.analysis.control.longest_cycle import longest_cycle
@@ -65,15 +65,15 @@ def assert_alike(g: ref.G) -> None:
     assert quick.longest[0] <= found.longest[0] <= quick.longest[1]
     for vertex in ref.space_vertices(g):
         assert home(graph, vertex) == ref.home(g, vertex)
-    judged = judge(graph, search=longest_cycle).document["components"]
+    assessed = assess(graph, search=longest_cycle).document["components"]
     below = ref.subsumes(g)
     for k in ref.members(g):
-        assert judged[k]["neighbors"] == [one for one in ref.members(g) if ref.neighbors(g, k, one)]
-        assert judged[k]["subsumes"] == sorted(b for a, b in below if a == k)
-        assert judged[k]["controllable"] == ref.controllable(g, k)
-        assert judged[k]["observable"] == ref.observable(g, k)
-        assert judged[k]["on_loop"] == ref.on_loop(g, k)
-        assert judged[k].get("on_path") == (ref.on_path(g, k) if ref.is_plant(g, k) else None)
+        assert assessed[k]["neighbors"] == [one for one in ref.members(g) if ref.neighbors(g, k, one)]
+        assert assessed[k]["subsumes"] == sorted(b for a, b in below if a == k)
+        assert assessed[k]["controllable"] == ref.controllable(g, k)
+        assert assessed[k]["observable"] == ref.observable(g, k)
+        assert assessed[k]["on_loop"] == ref.on_loop(g, k)
+        assert assessed[k].get("on_path") == (ref.on_path(g, k) if ref.is_plant(g, k) else None)
     for size in (1, 2, 3):
         names = ref.members(g)[:size]
         parts = [graph.members[name].vertices for name in names]

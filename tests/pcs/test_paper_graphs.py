@@ -5,9 +5,9 @@ from time import process_time
 
 import pytest
 
+from heronry_pcs.assessment import Assessment, assess
 from heronry_pcs.graph import Graph
 from heronry_pcs.graph_files import load_graph
-from heronry_pcs.judgement import Judgement, judge
 from heronry_pcs.operations import combine
 from heronry_pcs.script import interpret
 from heronry_pcs.script_difference import difference
@@ -27,8 +27,8 @@ E_V = {
 }
 
 
-def judged(graph: Graph, view: list[str] | None = None, path: list[str] | None = None) -> Judgement:
-    return judge(graph, view, path, longest_cycle)
+def assessed(graph: Graph, view: list[str] | None = None, path: list[str] | None = None) -> Assessment:
+    return assess(graph, view, path, longest_cycle)
 
 
 def without_e_v() -> Graph:
@@ -37,27 +37,27 @@ def without_e_v() -> Graph:
 
 
 def test_g_eav_is_edge_contained_component_connected_and_cycle_bound() -> None:
-    of_view = judged(G_EAV, PAPERS_VIEW)
+    of_view = assessed(G_EAV, PAPERS_VIEW)
     for predicate in ("configuration", "edge_contained", "component_connected", "cycle_bound"):
         assert of_view.holds(predicate)
     assert of_view.document["longest_cycle"] == [4, 4]
 
 
 def test_without_e_v_it_is_not_cycle_bound_contracted_and_is_with_kc_expanded() -> None:
-    assert judged(without_e_v(), PAPERS_VIEW).document["cycle_bound"] is False
+    assert assessed(without_e_v(), PAPERS_VIEW).document["cycle_bound"] is False
     expanded = ["Kfms", "Km", "Kuav", *sorted(G_EAV.composites["Kc"].components)]
-    assert judged(without_e_v(), expanded).document["cycle_bound"] is True
+    assert assessed(without_e_v(), expanded).document["cycle_bound"] is True
 
 
 def test_without_e_v_no_control_path_joins_the_flight_management_system_to_the_aircraft() -> None:
     path = ["Kfms", "Kc", "Kuav"]
-    assert judged(G_EAV, path=path).holds("control_path")
-    assert not judged(without_e_v(), path=path).holds("control_path")
-    assert judged(G_STAR, path=path).holds("control_path")
+    assert assessed(G_EAV, path=path).holds("control_path")
+    assert not assessed(without_e_v(), path=path).holds("control_path")
+    assert assessed(G_STAR, path=path).holds("control_path")
 
 
 def test_kenv_fails_the_necessary_condition_for_controllability_in_g_max() -> None:
-    found = judged(G_MAX)
+    found = assessed(G_MAX)
     assert found.holds("configuration")
     assert found.document["cycle_bound"] is False
     assert found.document["components"]["Kenv"]["controllable"] == "excluded"
@@ -66,17 +66,17 @@ def test_kenv_fails_the_necessary_condition_for_controllability_in_g_max() -> No
 def test_the_paths_of_g_max() -> None:
     cycle = ["Kpln", "Ktp", "Kcms", "Kap", "Kmtr", "Kugv", "Ksen"]
     camera = ["Kcpc", "Kcam", "Kvis", "Ktf"]
-    assert judged(G_MAX, path=cycle).holds("control_path")
-    assert not judged(G_MAX, path=camera).holds("control_path")
-    assert judged(G_STAR, path=camera).holds("control_path")
+    assert assessed(G_MAX, path=cycle).holds("control_path")
+    assert not assessed(G_MAX, path=camera).holds("control_path")
+    assert assessed(G_STAR, path=camera).holds("control_path")
 
 
 def test_g_star_is_edge_contained_component_connected_and_cycle_bound() -> None:
     view = [*PAPERS_VIEW, "Kekf", "objMatlabIntrfc", *sorted(G_MAX.members)]
-    for seen in (judged(G_STAR, view), judged(G_STAR, sorted(G_STAR.leaves))):
+    for seen in (assessed(G_STAR, view), assessed(G_STAR, sorted(G_STAR.leaves))):
         for predicate in ("configuration", "edge_contained", "component_connected", "cycle_bound"):
             assert seen.holds(predicate), predicate
-    kfms = judged(G_STAR, view).document["components"]["Kfms"]
+    kfms = assessed(G_STAR, view).document["components"]["Kfms"]
     assert (kfms["controllable"], kfms["observable"]) == ("possible", "possible")
 
 

@@ -19,8 +19,8 @@ from heronry_dg.plan import Plan
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_dg.situation import Situation, elements, situation
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_pcs.assessment import assess
 from heronry_pcs.graph_files import document
-from heronry_pcs.judgement import judge
 from heronry_pcs.plan_graph import level_view, managers_side, plan_graph, sides_of
 from heronry_pcs.plan_script import apply_to_plan, module_graph
 from heronry_pcs.predicates import is_configuration
@@ -59,11 +59,11 @@ def check_graph(spec: Spec, plan: Plan) -> None:
         assert name in graph.composites[f"pe:{one['pe']}"].components
     used = {spec.modules[name].device for name in modules} - {None}
     assert {name for name in graph.leaves if name.startswith("device:")} == {f"device:{name}" for name in used}
-    judged = judge(graph)
-    assert judged.holds("component_graph")
-    assert judged.holds("whole")
-    assert judged.holds("nested")
-    assert judged.holds("edge_contained")
+    assessed = assess(graph)
+    assert assessed.holds("component_graph")
+    assert assessed.holds("whole")
+    assert assessed.holds("nested")
+    assert assessed.holds("edge_contained")
     for level in ("pe", "side"):
         assert view_graph(graph, level_view(graph, level)).vertices == graph.vertices
 
@@ -184,7 +184,7 @@ def test_sides_and_the_managers_side() -> None:
 
 def test_a_plant_is_on_a_path_or_open() -> None:
     spec, configuration = small()
-    facts = judge(plan_graph(spec, configuration)).document["components"]
+    facts = assess(plan_graph(spec, configuration)).document["components"]
     assert {name: one["on_path"] for name, one in facts.items() if "on_path" in one} == {
         "plant:tank": True,
         "plant:room": False,
@@ -192,7 +192,7 @@ def test_a_plant_is_on_a_path_or_open() -> None:
     }
     without = Configuration({name: one for name, one in configuration.modules.items() if name != "control"})
     inputs = {name: one for name, one in without.modules.items() if not one.inputs}
-    assert judge(plan_graph(spec, Configuration(inputs))).document["components"]["plant:tank"]["on_path"] is False
+    assert assess(plan_graph(spec, Configuration(inputs))).document["components"]["plant:tank"]["on_path"] is False
 
 
 def test_the_empty_plan_has_its_plants_alone() -> None:

@@ -3,7 +3,7 @@
 A plant is on a control path if a loop leads through it and through a module: from an actuator that moves it, or another
 plant that affects it, to a sensor that sees it, or a plant that it affects, and back. Here every module is taken to run
 in all its modes at once, and each input to be wired to all that it accepts: where even that makes no loop, none can be.
-heronry_pcs judges what a plan makes of it.
+heronry_pcs assesses what a plan makes of it.
 """
 
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""`heronry pcs`: component graphs of polymorphic control, judged, edited, cut, and rewired by scripts.
+"""`heronry pcs`: component graphs of polymorphic control, assessed, edited, cut, and rewired by scripts.
 
 Exit codes: 0 what was asked for holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
 With --json, what cannot be done is `{"error": ...}` under the name that docs/polymorphic.md gives it.
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.console.errors import UserError
 
 if TYPE_CHECKING:
+    from heronry_pcs.assessment import Assessment
     from heronry_pcs.graph import Edge, Graph
-    from heronry_pcs.judgement import Judgement
     from heronry_tools.analysis.control.subject import Subject
 
 _EPILOG = """\
@@ -50,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "pcs",
         help="component graphs: is it a configuration, what controls what, how is it rewired",
-        description="Judge, edit, cut and rewire component graphs of polymorphic control.",
+        description="Assess, edit, cut and rewire component graphs of polymorphic control.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -101,7 +101,7 @@ def _add_graph(commands: Any) -> None:
 
 
 def _add_check(commands: Any) -> None:
-    parser = _command(commands, "check", "judge a component graph", run_check)
+    parser = _command(commands, "check", "assess a component graph", run_check)
     _add_subject(parser)
     _add_view(parser)
     parser.add_argument(
@@ -167,19 +167,19 @@ def run_graph(arguments: argparse.Namespace) -> int:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """Judge a graph; returns 0 if all that is required holds, 1 if not."""
+    """Assess a graph; returns 0 if all that is required holds, 1 if not."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
-    from heronry_tools.reports.control import judgement_text  # noqa: PLC0415
+    from heronry_tools.reports.control import assessment_text  # noqa: PLC0415
 
     subject = _subject(arguments)
     required = _required(arguments, subject)
     try:
-        judged = _judged(subject.graph, arguments.at, arguments.path)
+        assessed = _assessed(subject.graph, arguments.at, arguments.path)
     except PcsError as error:
         return _refused(error, arguments)
     plants = subject.critical_plants()
-    missing = [name for name in required if not judged.holds(name, plants)]
-    _say(arguments, judged.document, judgement_text(judged, missing))
+    missing = [name for name in required if not assessed.holds(name, plants)]
+    _say(arguments, assessed.document, assessment_text(assessed, missing))
     return int(bool(missing))
 
 
@@ -202,17 +202,17 @@ def run_edit(arguments: argparse.Namespace) -> int:
     """Apply an operation and write the result; returns the exit code."""
     from heronry_pcs.graph import PcsError  # noqa: PLC0415
     from heronry_pcs.graph_files import document  # noqa: PLC0415
-    from heronry_tools.reports.control import graph_text, judgement_text  # noqa: PLC0415
+    from heronry_tools.reports.control import assessment_text, graph_text  # noqa: PLC0415
 
     try:
         graph, view = _edited(_subject(arguments).graph, arguments)
-        judged = _judged(graph, view)
+        assessed = _assessed(graph, view)
     except PcsError as error:
         return _refused(error, arguments)
     if arguments.output is not None:
         _save(graph, arguments.output)
-    result = {"graph": document(graph), "check": judged.document}
-    _say(arguments, result, graph_text(graph) + judgement_text(judged, ()))
+    result = {"graph": document(graph), "check": assessed.document}
+    _say(arguments, result, graph_text(graph) + assessment_text(assessed, ()))
     return 0
 
 
@@ -328,11 +328,11 @@ def _load(text: str, plan: str | None = None) -> "Subject":
     return load_subject(text, plan)
 
 
-def _judged(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str] | None" = None) -> "Judgement":
-    from heronry_pcs.judgement import judge  # noqa: PLC0415
+def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str] | None" = None) -> "Assessment":
+    from heronry_pcs.assessment import assess  # noqa: PLC0415
     from heronry_tools.analysis.control.longest_cycle import longest_cycle  # noqa: PLC0415
 
-    return judge(graph, view, path, longest_cycle)
+    return assess(graph, view, path, longest_cycle)
 
 
 def _refused(error: Exception, arguments: argparse.Namespace) -> int:

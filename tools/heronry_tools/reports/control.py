@@ -1,10 +1,10 @@
-"""Component graphs, their judgement, cuts and scripts in words, for a terminal."""
+"""Component graphs, their assessment, cuts and scripts in words, for a terminal."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from heronry_pcs.assessment import NOT_SUFFICIENT, Assessment
 from heronry_pcs.graph import Graph
-from heronry_pcs.judgement import NOT_SUFFICIENT, Judgement
 from heronry_pcs.predicates import PREDICATES
 from heronry_pcs.script_syntax import ScriptError
 
@@ -26,9 +26,9 @@ def graph_text(graph: Graph) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-def judgement_text(judged: Judgement, missing: Sequence[str]) -> str:
-    """A judgement in words; `missing`: what is required and does not hold."""
-    document = judged.document
+def assessment_text(assessed: Assessment, missing: Sequence[str]) -> str:
+    """A assessment in words; `missing`: what is required and does not hold."""
+    document = assessed.document
     lines = [f"{name.replace('_', ' ')}: {_truth(document[name])}" for name in PREDICATES]
     lines += [f"  {name} is no component: {', '.join(broken)}" for name, broken in document["broken"].items()]
     lines += [f"cycle bound: {_truth(document['cycle_bound'])}", f"longest cycle: {_cycle(*document['longest_cycle'])}"]

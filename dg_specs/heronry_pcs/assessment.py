@@ -1,4 +1,4 @@
-"""The judgement of a graph, or of a view of one, as the plain data that `heronry pcs check --json` writes.
+"""The assessment of a graph, or of a view of one, as the plain data that `heronry pcs check --json` writes.
 
 Predicates, neighbors, and the necessary conditions for control are those of the view, loops those of the model.
 """
@@ -21,7 +21,7 @@ Json = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class Assessment:
     """What holds of a graph; `document` is its JSON form."""
 
     document: Json
@@ -37,13 +37,13 @@ class Judgement:
         return not any(facts.get("on_path") is False for name, facts in members if plants is None or name in plants)
 
 
-def judge(
+def assess(
     model: Graph,
     view: Collection[str] | None = None,
     path: Collection[str] | None = None,
     search: Search = bounds_alone,
-) -> Judgement:
-    """Judge a graph, or a view of it; `path`: members that one loop is to join.
+) -> Assessment:
+    """Assess a graph, or a view of it; `path`: members that one loop is to join.
 
     Raises PcsError where the view is none, or the graph has no member of a name in `path`.
     """
@@ -68,7 +68,7 @@ def judge(
         }
         for name, member in seen.members.items()
     }
-    return Judgement(document)
+    return Assessment(document)
 
 
 def _member(model: Graph, name: str) -> frozenset[str]:
