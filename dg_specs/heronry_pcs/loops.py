@@ -14,6 +14,7 @@ Source: the paper, section 3.4 ("a control path that includes the components"), 
 component-cycles ignore direction (cycles.py), so that three components which feed one another forward are one.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -25,31 +26,29 @@ from heronry_pcs.graph import Graph, parent
 class Loops:
     """The largest loops of a graph; every loop lies in one of them."""
 
-    graph: Graph
     found: tuple[frozenset[str], ...]  # homes: names of members or of leaves
-    _loops_at: Mapping[str, tuple[int, ...]]  # by vertex of a home on a loop
+    _controlling: frozenset[int]  # numbers of the loops with a home that is no plant
+    _homes_at: Mapping[str, list[tuple[int, frozenset[str]]]]  # by vertex: loop and vertices of a home that holds it
 
     def through(self, vertices: frozenset[str]) -> bool:
         """Tell whether some loop has a home within these vertices and one that is not."""
-        return any(any(not self._is_within(home, vertices) for home in loop) for loop in self._loops_within(vertices))
+        return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
         """Tell whether some loop has a home within these vertices, of a plant, and one that is no plant."""
-        return any(any(not is_plant(self.graph, home) for home in loop) for loop in self._loops_within(vertices))
+        return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:
         """Tell whether one loop has a home within the vertices of each of some members."""
-        return any(
-            all(any(self._is_within(home, vertices) for home in loop) for vertices in members) for loop in self.found
-        )
+        joined = set(range(len(self.found)))
+        for vertices in members:
+            joined.intersection_update(self._within(vertices))
+        return bool(joined)
 
-    def _loops_within(self, vertices: frozenset[str]) -> list[frozenset[str]]:
-        near = {number for vertex in vertices for number in self._loops_at.get(vertex, ())}
-        loops = [self.found[number] for number in sorted(near)]
-        return [loop for loop in loops if any(self._is_within(home, vertices) for home in loop)]
-
-    def _is_within(self, home: str, vertices: frozenset[str]) -> bool:
-        return self.graph.part(home).vertices <= vertices
+    def _within(self, vertices: frozenset[str]) -> Counter[int]:
+        """For each loop with homes within these vertices, how many there are: no two homes have the same vertices."""
+        near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
+        return Counter(loop for loop, home in near if home <= vertices)
 
 
 def is_plant(graph: Graph, name: str) -> bool:
@@ -80,9 +79,13 @@ def loops(graph: Graph) -> Loops:
         leads.setdefault(start, {})[end] = None
         leads.setdefault(end, {})
     found = tuple(frozenset(loop) for loop in components({k: list(v) for k, v in leads.items()}) if len(loop) > 1)
-    at: dict[str, list[int]] = {}
+    at: dict[str, list[tuple[int, frozenset[str]]]] = {}
     for number, loop in enumerate(found):
         for one in loop:
-            for vertex in graph.part(one).vertices:
-                at.setdefault(vertex, []).append(number)
-    return Loops(graph, found, {vertex: tuple(numbers) for vertex, numbers in at.items()})
+            vertices = graph.part(one).vertices
+            for vertex in vertices:
+                at.setdefault(vertex, []).append((number, vertices))
+    controlling = frozenset(
+        number for number, loop in enumerate(found) if not all(is_plant(graph, one) for one in loop)
+    )
+    return Loops(found, controlling, at)

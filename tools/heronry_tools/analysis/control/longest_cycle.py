@@ -12,10 +12,16 @@ from ortools.sat.python.cp_model import FEASIBLE, INFEASIBLE, OPTIMAL, CpModel, 
 from heronry_pcs.cycles import LEAST_CYCLE, Bounds, Touching, bounds_alone
 
 EFFORT: Final = 5.0  # deterministic seconds for one block; blocks of 200 members are proven in less
+MOST_MEMBERS: Final = 400  # of a block that is searched: in a larger one the search finds nothing in that time
 
 
 def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFORT) -> Bounds:
-    """Search for a longest cycle among those that pass some members; a `Search` of heronry_pcs.cycles."""
+    """Search for a longest cycle among those that pass some members; a `Search` of heronry_pcs.cycles.
+
+    A block of more than `MOST_MEMBERS` is not searched.
+    """
+    if len(block) > MOST_MEMBERS:
+        return bounds_alone(block, through)
     model = CpModel()
     number = {name: index for index, name in enumerate(block)}
     arcs = {

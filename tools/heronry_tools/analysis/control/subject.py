@@ -8,7 +8,6 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import check_names, read_configuration, read_situation
 from heronry_dg.situation import Situation, situation
-from heronry_manager.planner.exact import plan
 from heronry_pcs.graph import Graph
 from heronry_pcs.graph_files import SUFFIXES, load_graph
 from heronry_pcs.plan_graph import managers_side, plan_graph
@@ -72,6 +71,8 @@ def graph_path(text: str) -> Path | None:
 def load_planned(spec: Spec, plan_file: str | None) -> Planned:
     """Read the plan in a file, or make the best one with everything up; raises UserError."""
     if plan_file is None:
+        from heronry_manager.planner.exact import plan  # noqa: PLC0415 - the solver is slow to import
+
         now = situation(spec)
         return Planned(spec, now, plan(spec, now).configuration)
     with errors_name(plan_file):
