@@ -41,8 +41,14 @@ def drawn(rng: Random, names: str = "ABCDEFGH") -> ref.G:
 
 
 def break_composite(rng: Random, g: ref.G, name: str) -> None:
-    """Break what only a composite can break."""
+    """Break what only a composite can break, or take a leaf away that stays inside it with its vertices."""
     v, e, c = g["components"][name]
+    lost = {rng.choice(sorted(c))} if c and rng.random() < 0.25 else set()
+    if lost:
+        v_of_g, e_of_g, c_of_g = g["graph"]
+        g["graph"] = (v_of_g, e_of_g, c_of_g - lost)
+        g["components"] = {k: (x[0], x[1], x[2] - lost) for k, x in g["components"].items()}
+        return
     space = sorted(ref.space_vertices(g))
     edge = (rng.choice(space), rng.choice(space))
     broken = [(v, e, c | {name}), (v | {edge[0]}, e | {edge}, c), (frozenset(), frozenset(), frozenset())]

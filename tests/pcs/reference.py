@@ -143,8 +143,8 @@ def configuration(g: G) -> bool:
 
 
 def subsumes(g: G) -> set[tuple[str, str]]:
-    """The least relation, by repetition until nothing is added."""
-    names = members(g)
+    """The least relation of all components, members or not, by repetition until nothing is added."""
+    names = sorted({*g["leaves"], *g["components"]})
     found: set[tuple[str, str]] = set()
     while True:
         more = {

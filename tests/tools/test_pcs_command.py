@@ -206,7 +206,9 @@ def test_the_graph_of_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (said.code, said.out) == (0, "")
     assert json.loads(file.read_text()) == whole
     assert "high_quality_altitude" in Said(capsys, "graph", "elevator_and_chute").out
-    for arguments in (["g_eav"], ["elevator_and_chute", "-o", str(tmp_path / "x.json")], ["nothing"]):
+    for arguments in (
+        ["g_eav", "--level", "pe"], ["elevator_and_chute", "-o", str(tmp_path / "x.json")], ["nothing"],
+    ):  # fmt: skip
         assert Said(capsys, "graph", *arguments).code == 2
 
 
@@ -225,8 +227,10 @@ def test_scripts_of_plans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert main(["plan", "elevator_and_chute", *down, "--json"]) == 0
         files.append(str(tmp_path / f"plan{number}.json"))
         Path(files[-1]).write_text(capsys.readouterr().out)
-    assert Said(capsys, "script", *files).code == 2, "plans need their spec"
     said = Said(capsys, "script", *files, "--spec", "elevator_and_chute")
+    assert Said(capsys, "script", *files).out == said.out, "the spec of a plan is found among the shipped ones"
+    (tmp_path / "other.json").write_text("{}")
+    assert Said(capsys, "script", files[0], str(tmp_path / "other.json")).code == 2
     script = tmp_path / "down.pcs.script"
     script.write_text(said.out)
     tried = Said(capsys, "apply", str(script), "elevator_and_chute", "--plan", files[0], "--json")

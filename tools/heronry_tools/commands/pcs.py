@@ -26,6 +26,7 @@ examples:
   heronry pcs check g_eav --at Kfms,Kc,Km,Kuav --require configuration,cycle_bound
   heronry pcs check big_blue                                  is every critical plant on a control path?
   heronry pcs graph elevator_and_chute --level pe             what follows from its best plan
+  heronry pcs graph g_star -o g_star.svg                      a picture; bold: loops through the physical world
   heronry pcs edit g_eav combine g_max -o both.pcs.json       two systems as one graph
   heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json -o after.pcs.json
   heronry pcs script both.pcs.json g_star                     what has to be done to get there
@@ -91,13 +92,14 @@ def _add_view(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_graph(commands: Any) -> None:
-    parser = _command(commands, "graph", "derive the component graph of a spec's plan", run_graph)
-    parser.add_argument("subject", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
-    _add_plan(parser)
+    parser = _command(commands, "graph", "derive the component graph of a spec's plan, and print or draw it", run_graph)
+    _add_subject(parser)
     parser.add_argument(
         "--level", choices=("module", "pe", "side"), default="module", help="what is seen closed (default: module)"
     )
-    _add_output(parser)
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="write it here: *.pcs.json, or *.svg, a picture"
+    )
 
 
 def _add_check(commands: Any) -> None:
@@ -132,9 +134,9 @@ def _add_edit(commands: Any) -> None:
 
 def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
-    parser.add_argument("old", metavar="OLD", help="a component graph, or a plan (with --spec)")
+    parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
     parser.add_argument("new", metavar="NEW", help="the one to get to")
-    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans")
+    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, where it is not a shipped one")
 
 
 def _add_apply(commands: Any) -> None:
@@ -153,16 +155,23 @@ def _names(text: str) -> list[str]:
 
 def run_graph(arguments: argparse.Namespace) -> int:
     """Derive and write a graph; returns the exit code."""
-    from heronry_pcs.plan_graph import level_view  # noqa: PLC0415 - slow to import
+    from heronry_pcs.graph_files import document  # noqa: PLC0415 - slow to import
+    from heronry_pcs.plan_graph import level_view  # noqa: PLC0415
     from heronry_pcs.views import view_graph  # noqa: PLC0415
+    from heronry_tools.reports.control import graph_text  # noqa: PLC0415
 
     subject = _subject(arguments)
-    if subject.planned is None:
-        raise UserError(f"{arguments.subject} is a graph already; heronry pcs graph derives the one of a spec")
+    if subject.planned is None and arguments.level != "module":
+        raise UserError(f"{arguments.subject} is a graph, without PEs: --level is for specs")
     graph = subject.graph
     if arguments.level != "module":
         graph = view_graph(graph, level_view(graph, arguments.level))
-    _write_graph(graph, arguments)
+    if arguments.output is not None and arguments.output.suffix == ".svg":
+        _draw(graph, subject.graph, arguments.output)
+    elif arguments.output is not None:
+        _save(graph, arguments.output)
+    if arguments.output is None or arguments.json:
+        _say(arguments, document(graph), graph_text(graph))
     return 0
 
 
@@ -268,14 +277,16 @@ def run_script(arguments: argparse.Namespace) -> int:
 
 def _compared(text: str, spec: str | None) -> "Graph":
     from heronry_pcs.plan_script import module_graph  # noqa: PLC0415
-    from heronry_tools.analysis.control.subject import graph_path, load_planned  # noqa: PLC0415
+    from heronry_tools.analysis.control.subject import graph_path, load_planned, shipped_spec_of  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
 
     if graph_path(text) is not None:
         return _load(text).graph
-    if spec is None:
-        raise UserError(f"{text} is no component graph; for a plan, write --spec SPEC")
-    planned = load_planned(load_spec(spec), text)
+    of_plan = load_spec(spec) if spec is not None else shipped_spec_of(read_text(text))
+    if of_plan is None:
+        raise UserError(f"{text} is no component graph, and no plan of a shipped spec; write --spec SPEC")
+    planned = load_planned(of_plan, text)
     return module_graph(planned.spec, planned.configuration)
 
 
@@ -344,14 +355,12 @@ def _refused(error: Exception, arguments: argparse.Namespace) -> int:
     return 1
 
 
-def _write_graph(graph: "Graph", arguments: argparse.Namespace) -> None:
-    from heronry_pcs.graph_files import document  # noqa: PLC0415
-    from heronry_tools.reports.control import graph_text  # noqa: PLC0415
+def _draw(graph: "Graph", model: "Graph", file: Path) -> None:
+    from heronry_tools.console.whole_file import write_whole  # noqa: PLC0415
+    from heronry_tools.reports.render.components import component_picture  # noqa: PLC0415
+    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415
 
-    if arguments.output is not None:
-        _save(graph, arguments.output)
-    if arguments.output is None or arguments.json:
-        _say(arguments, document(graph), graph_text(graph))
+    write_whole(file, svg(component_picture(graph, model), "Component graph").encode())
 
 
 def _save(graph: "Graph", file: Path) -> None:

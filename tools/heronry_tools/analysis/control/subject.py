@@ -1,12 +1,16 @@
 """What a command about component graphs works on: the graph of a file, or the one of a spec and a plan."""
 
+import json
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.plan import check_names, read_configuration, read_situation
+from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_dg.situation import Situation, situation
 from heronry_pcs.graph import Graph
 from heronry_pcs.graph_files import SUFFIXES, load_graph
@@ -66,6 +70,16 @@ def graph_path(text: str) -> Path | None:
     if text.endswith(SUFFIXES):
         return Path(text)
     return shipped_graph_path(text) if text in shipped_graph_names() and not Path(text).exists() else None
+
+
+def shipped_spec_of(plan: str) -> Spec | None:
+    """Find the shipped spec that a plan was made for, by the digest in it; None where there is none."""
+    try:
+        digest = json.loads(plan)["spec"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    files = (*map(shipped_spec_path, shipped_spec_names()), *example_specs())
+    return next((load(file) for file in files if sha256(file.read_bytes()).hexdigest() == digest), None)
 
 
 def load_planned(spec: Spec, plan_file: str | None) -> Planned:
