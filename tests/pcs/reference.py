@@ -279,7 +279,7 @@ def seen(g: G, s: set[str]) -> G:
     check_view(g, s)
     v, e, _ = g["graph"]
     edges = frozenset(x for x in e if not any(x[0] in part(g, k)[0] and x[1] in part(g, k)[0] for k in s))
-    closed = {k: (part(g, k)[0], frozenset(), frozenset()) for k in s if k not in g["leaves"]}
+    closed: dict[str, X] = {k: (part(g, k)[0], frozenset(), frozenset()) for k in s if k not in g["leaves"]}
     return {**g, "components": closed, "graph": (v, edges, frozenset(s))}
 
 

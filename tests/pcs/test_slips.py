@@ -117,9 +117,11 @@ def test_combining_without_an_edge_gives_no_configuration() -> None:
     """G' = combineCGraph(G_eav - E_v, G_max) of section 3.4: no operation of section 2.3 may be used on it."""
     joined = combine(graph_of("AB"), graph_of("CD"))
     assert not is_configuration(joined)
-    for operation in (removal, addition, add_edge):
+    for operation in (addition, add_edge):
         with pytest.raises(PcsError, match="needs:configuration"):
-            operation(joined, edge("AC"))  # type: ignore[operator]
+            operation(joined, edge("AC"))
+    with pytest.raises(PcsError, match="needs:configuration"):
+        removal(joined, [edge("AB")])
 
 
 def test_removal_need_not_give_a_configuration() -> None:
