@@ -32,7 +32,7 @@ def test_leaves_are_drawn_and_composites_are_not() -> None:
     assert ends["Kdyn", "Kimu"] == ""
 
 
-def test_a_loop_through_a_plant_is_bold_and_an_open_plant_is_struck() -> None:
+def test_a_loop_through_a_plant_is_bold_and_an_open_plant_is_crossed_out() -> None:
     drawn = component_picture(G_MAX)
     bold = {(edge.source, edge.target) for edge in drawn.edges if edge.chosen}
     assert ("Kmtr", "Kugv") in bold
