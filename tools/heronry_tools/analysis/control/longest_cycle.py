@@ -47,7 +47,7 @@ def _bounds(solver: CpSolver, status: CpSolverStatus, known: Bounds) -> Bounds:
     least, most = known
     if status == INFEASIBLE:
         return 0, 0
-    if status in (OPTIMAL, FEASIBLE):
-        least = max(least, round(solver.objective_value))
-    most = min(most, round(solver.best_objective_bound))
+    if status not in (OPTIMAL, FEASIBLE):
+        return known
+    least, most = max(least, round(solver.objective_value)), min(most, round(solver.best_objective_bound))
     return (least, most) if most >= LEAST_CYCLE else (0, 0)
