@@ -122,7 +122,7 @@ def test_edits(flat: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_contraction_and_expansion(flat: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "contracted.pcs.json"
-    made = edited(capsys, flat, "contract", "K", "--of", "A,B", "-o", str(file))
+    made = edited(capsys, flat, "contract", "K", "--of", "A,B", "--write", str(file))
     assert made["graph"]["components"]["K"] == {
         "vertices": ["A.p", "B.p"], "edges": [["A.p", "B.p"]], "components": ["A", "B"]
     }  # fmt: skip
@@ -148,7 +148,7 @@ def test_an_edit_with_other_arguments(flat: str, arguments: list[str], capsys: p
 
 def test_scripts_of_graphs(flat: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     after = tmp_path / "after.pcs.json"
-    assert Said(capsys, "edit", flat, "addEdge", "D.p->Z.p", "-o", str(after)).code == 0
+    assert Said(capsys, "edit", flat, "addEdge", "D.p->Z.p", "--write", str(after)).code == 0
     script = Said(capsys, "script", flat, str(after))
     assert script.out.splitlines() == [
         "define Z;",
@@ -159,7 +159,7 @@ def test_scripts_of_graphs(flat: str, tmp_path: Path, capsys: pytest.CaptureFixt
     file = tmp_path / "there.pcs.script"
     file.write_text(script.out)
     there = tmp_path / "there.pcs.json"
-    said = Said(capsys, "apply", str(file), flat, "--json", "-o", str(there))
+    said = Said(capsys, "apply", str(file), flat, "--json", "--write", str(there))
     assert said.code == 0
     assert list(said.json) == ["statements", "errors", "before", "after"]
     assert (said.json["statements"], said.json["errors"]) == (3, [])
@@ -170,7 +170,7 @@ def test_scripts_of_graphs(flat: str, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_script_with_errors_does_nothing(flat: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bad.pcs.script"
     file.write_text("G.DeleteComponent ( A );\nG.DeleteComponent ( A );\nG.Explode ();\n")
-    said = Said(capsys, "apply", str(file), flat, "--json", "-o", str(tmp_path / "x.pcs.json"))
+    said = Said(capsys, "apply", str(file), flat, "--json", "--write", str(tmp_path / "x.pcs.json"))
     assert said.code == 1
     assert said.json["statements"] == 2
     assert said.json["before"] == said.json["after"]
@@ -207,7 +207,7 @@ def test_the_graph_of_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert json.loads(file.read_text()) == whole
     assert "high_quality_altitude" in Said(capsys, "graph", "elevator_and_chute").out
     for arguments in (
-        ["g_eav", "--level", "pe"], ["elevator_and_chute", "-o", str(tmp_path / "x.json")], ["nothing"],
+        ["g_eav", "--level", "pe"], ["elevator_and_chute", "-o", str(tmp_path / "x.png")], ["nothing"],
     ):  # fmt: skip
         assert Said(capsys, "graph", *arguments).code == 2
 
@@ -262,7 +262,7 @@ def test_files_that_cannot_be_used(flat: str, tmp_path: Path, capsys: pytest.Cap
     assert f"{bad}:2:9: PCS001 error: unknown:A.p: " in said.err
     assert Said(capsys, "check", flat, "--plan", "x").code == 2
     assert Said(capsys, "apply", str(tmp_path / "none.pcs.script"), flat).code == 2
-    said = Said(capsys, "edit", flat, "cprune", "-o", str(tmp_path / "x.yaml"))
+    said = Said(capsys, "edit", flat, "cprune", "--write", str(tmp_path / "x.yaml"))
     assert said.code == 2
     assert "ends in .pcs.json" in said.err
 

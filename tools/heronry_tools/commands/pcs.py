@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
 
 if TYPE_CHECKING:
     from heronry_pcs.assessment import Assessment
@@ -27,8 +28,8 @@ examples:
   heronry pcs check big_blue                                  is every critical plant on a control path?
   heronry pcs graph elevator_and_chute --level pe             what follows from its best plan
   heronry pcs graph g_star -o g_star.svg                      a picture; bold: loops through the physical world
-  heronry pcs edit g_eav combine g_max -o both.pcs.json       two systems as one graph
-  heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json -o after.pcs.json
+  heronry pcs edit g_eav combine g_max --write both.pcs.json       two systems as one graph
+  heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json
   heronry pcs script both.pcs.json g_star                     what has to be done to get there
   heronry pcs cut g_star                                      what the radio carries at least
 """
@@ -49,11 +50,7 @@ An edge has to be in quotes for a shell: 'A.a->B.b'. Without --at, the view is a
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry pcs` and its own commands."""
     parser = subparsers.add_parser(
-        "pcs",
-        help="component graphs: is it a configuration, what controls what, how is it rewired",
-        description="Assess, edit, cut and rewire component graphs of polymorphic control.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "pcs", description="Assess, edit, cut and rewire component graphs of polymorphic control.", epilog=_EPILOG
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_graph(commands)
@@ -65,11 +62,12 @@ def add_parsers(subparsers: Any) -> None:
     _add_subject(cut)
 
 
-def _command(commands: Any, name: str, does: str, run: Any, **words: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=does, description=f"{does[0].upper()}{does[1:]}.", **words
-    )
-    parser.add_argument("--json", action="store_true", help="write the result as JSON")
+def _command(
+    commands: Any, name: str, does: str, run: Any, *, epilog: str | None = None, forms: Forms = TEXT_OR_JSON
+) -> argparse.ArgumentParser:
+    description = f"{does[0].upper()}{does[1:]}."
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=does, description=description, epilog=epilog)
+    add_output(parser, forms=forms)
     parser.set_defaults(run=run)
     return parser
 
@@ -83,8 +81,8 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: best)")
 
 
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the graph here, as *.pcs.json")
+def _add_write(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--write", metavar="FILE", type=Path, help="write the graph that is reached, as *.pcs.json")
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
@@ -92,13 +90,11 @@ def _add_view(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_graph(commands: Any) -> None:
-    parser = _command(commands, "graph", "derive the component graph of a spec's plan, and print or draw it", run_graph)
+    does = "derive the component graph of a spec's plan, and print or draw it"
+    parser = _command(commands, "graph", does, run_graph, forms={**TEXT_OR_JSON, "svg": (".svg",)})
     _add_subject(parser)
     parser.add_argument(
         "--level", choices=("module", "pe", "side"), default="module", help="what is seen closed (default: module)"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, help="write it here: *.pcs.json, or *.svg, a picture"
     )
 
 
@@ -122,14 +118,13 @@ def _add_edit(commands: Any) -> None:
         "apply an operation to a component graph",
         run_edit,
         epilog=_EDIT_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("subject", metavar="FILE", help="a component graph")
     parser.add_argument("operation", choices=_OPERATIONS, metavar="OPERATION", help=", ".join(_OPERATIONS))
     parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member")
     _add_view(parser)
     parser.add_argument("--of", metavar="K,..", type=_names, help="contract: members to make the new one of")
-    _add_output(parser)
+    _add_write(parser)
 
 
 def _add_script(commands: Any) -> None:
@@ -143,7 +138,7 @@ def _add_apply(commands: Any) -> None:
     parser = _command(commands, "apply", "try a reconfiguration script on a graph, or on a plan", run_apply)
     parser.add_argument("script", metavar="SCRIPT", help="a *.pcs.script file (- for standard input)")
     _add_subject(parser)
-    _add_output(parser)
+    _add_write(parser)
 
 
 def _names(text: str) -> list[str]:
@@ -159,6 +154,8 @@ def run_graph(arguments: argparse.Namespace) -> int:
     from heronry_pcs.plan_graph import level_view  # noqa: PLC0415
     from heronry_pcs.views import view_graph  # noqa: PLC0415
     from heronry_tools.reports.control import graph_text  # noqa: PLC0415
+    from heronry_tools.reports.render.components import component_picture  # noqa: PLC0415
+    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415
 
     subject = _subject(arguments)
     if subject.planned is None and arguments.level != "module":
@@ -166,11 +163,9 @@ def run_graph(arguments: argparse.Namespace) -> int:
     graph = subject.graph
     if arguments.level != "module":
         graph = view_graph(graph, level_view(graph, arguments.level))
-    if arguments.output is not None and arguments.output.suffix == ".svg":
-        _draw(graph, subject.graph, arguments.output)
-    elif arguments.output is not None:
-        _save(graph, arguments.output)
-    if arguments.output is None or arguments.json:
+    if arguments.format == "svg":
+        sys.stdout.write(svg(component_picture(graph, subject.graph), "Component graph"))
+    else:
         _say(arguments, document(graph), graph_text(graph))
     return 0
 
@@ -218,8 +213,8 @@ def run_edit(arguments: argparse.Namespace) -> int:
         assessed = _assessed(graph, view)
     except PcsError as error:
         return _refused(error, arguments)
-    if arguments.output is not None:
-        _save(graph, arguments.output)
+    if arguments.write is not None:
+        _save(graph, arguments.write)
     result = {"graph": document(graph), "check": assessed.document}
     _say(arguments, result, graph_text(graph) + assessment_text(assessed, ()))
     return 0
@@ -298,8 +293,8 @@ def run_apply(arguments: argparse.Namespace) -> int:
     from heronry_tools.reports.control import errors_text, graph_text, trial_text  # noqa: PLC0415
 
     trial = try_script(read_text(arguments.script), _subject(arguments))
-    if arguments.output is not None and not trial.errors:
-        _save(trial.after, arguments.output)
+    if arguments.write is not None and not trial.errors:
+        _save(trial.after, arguments.write)
     result = {
         "statements": trial.statements,
         "errors": [
@@ -353,14 +348,6 @@ def _refused(error: Exception, arguments: argparse.Namespace) -> int:
     else:
         print(f"heronry: {error}", file=sys.stderr)
     return 1
-
-
-def _draw(graph: "Graph", model: "Graph", file: Path) -> None:
-    from heronry_tools.console.whole_file import write_whole  # noqa: PLC0415
-    from heronry_tools.reports.render.components import component_picture  # noqa: PLC0415
-    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415
-
-    write_whole(file, svg(component_picture(graph, model), "Component graph").encode())
 
 
 def _save(graph: "Graph", file: Path) -> None:
