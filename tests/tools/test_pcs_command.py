@@ -267,6 +267,13 @@ def test_files_that_cannot_be_used(flat: str, tmp_path: Path, capsys: pytest.Cap
     assert "ends in .pcs.json" in said.err
 
 
+def test_a_name_of_nothing_is_refused_with_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "check", "g_eave")
+    assert said.code == 2
+    assert "a shipped graph (g_eav, g_max, g_star)" in said.err
+    assert "a shipped spec (big_blue, elevator_and_chute)" in said.err
+
+
 def test_a_list_of_names_without_a_name(flat: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["pcs", "check", flat, "--at", "A,,B"])
