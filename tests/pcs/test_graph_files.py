@@ -260,3 +260,18 @@ def test_the_schema_beside_the_graphs_is_up_to_date(capsys: pytest.CaptureFixtur
     assert Path("dg_specs/pcs.schema.json").read_text() == schema_text()
     assert main(["schema", "pcs"]) == 0
     assert capsys.readouterr().out == schema_text()
+
+
+@settings(max_examples=part_of(2000, 20))
+@given(st.integers(0, 2**32))
+def test_no_damage_to_a_file_makes_the_reader_fail(seed: int) -> None:
+    rng = Random(seed)
+    for text, file in ((EXAMPLE, "x.pcs.yaml"), (to_json(graph_in(EXAMPLE)), "x.pcs.json")):
+        data = bytearray(text.encode())
+        for _ in range(rng.randint(1, 4)):
+            at = rng.randrange(len(data))
+            data[at : at + rng.randint(0, 3)] = rng.choice([b"", b"{", b"]", b'"', b"\xff", b"1", b": ", b"null", b"-"])
+        found = Findings(file)
+        graph = read_graph(bytes(data), file, found)
+        assert (graph is None) == bool(len(found))
+        assert {finding.code for finding in found} <= {"PCS001"}
