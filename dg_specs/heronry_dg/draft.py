@@ -87,6 +87,7 @@ class Draft:
     modules: Mapping[str, ModuleElement]
     functions: Mapping[str, Element[schema.FunctionForm]]
     phases: Mapping[str, Element[schema.PhaseForm]]
+    plants: Mapping[str, Element[schema.PlantForm]]
 
 
 def read_draft(root: Node, findings: Findings) -> Draft | None:
@@ -121,6 +122,7 @@ class _DraftReader:
             modules={name: self._module(name, entry) for name, entry in self._entries("modules")},
             functions=self._section("functions", "function", schema.FunctionForm),
             phases=self._section("phases", "phase", schema.PhaseForm),
+            plants=self._section("plants", "plant", schema.PlantForm),
         )
 
     def _header(self) -> schema.HeaderForm | None:

@@ -30,6 +30,7 @@ from heronry_dg.model import (
     Module,
     Pe,
     Phase,
+    Plant,
     Spec,
     Variable,
     When,
@@ -145,6 +146,7 @@ def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
         separate=tuple(tuple(group) for group in header.separate),
         together=tuple(tuple(group) for group in header.together),
         contingency=Contingency(contingency.faults, _optional_tuple(contingency.phases)),
+        plants={name: _plant(name, form) for name, form in _forms(draft.plants)},
     )
 
 
@@ -230,6 +232,10 @@ def _function(name: str, form: schema.FunctionForm, gates: Gates) -> Function:
         priority=_by_phase(form.priority),
         value=_optional_tuple(form.value),
     )
+
+
+def _plant(name: str, form: schema.PlantForm) -> Plant:
+    return Plant(name, tuple(form.moved_by), tuple(form.seen_by), tuple(form.affects), form.criticality)
 
 
 def _when(form: schema.WhenForm | None) -> When | None:

@@ -28,6 +28,7 @@ _SECTIONS: Final[Mapping[str, str]] = {  # section in which an element is declar
     "module": "modules",
     "module or DEMUX": "modules",
     "phase": "phases",
+    "plant": "plants",
 }
 _MOST_LINES_SHOWN: Final = 6
 _ALIKE: Final = 0.85  # less similar names are taken for two different names
@@ -94,7 +95,7 @@ def _declared(draft: Draft, name: str) -> Place | None:
     """Place of the element with a name, if exactly one has it."""
     sections: tuple[Mapping[str, object], ...] = (
         *(draft.buses, draft.pes, draft.devices, draft.variables, draft.demuxes, draft.shorthands),
-        *(draft.modules, draft.functions, draft.phases),
+        *(draft.modules, draft.functions, draft.phases, draft.plants),
     )
     places = [getattr(section[name], "place", None) for section in sections if name in section]
     return places[0] if len(places) == 1 else None

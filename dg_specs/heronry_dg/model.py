@@ -174,6 +174,17 @@ class Phase:
 
 
 @dataclass(frozen=True, slots=True)
+class Plant:
+    """A part of the physical world: what moves it, what sees it, and which other parts it affects. No plan needs it."""
+
+    name: str
+    moved_by: tuple[str, ...] = ()  # actuators
+    seen_by: tuple[str, ...] = ()  # sensors
+    affects: tuple[str, ...] = ()  # plants
+    criticality: Criticality = "E"
+
+
+@dataclass(frozen=True, slots=True)
 class Contingency:
     """The contingencies to plan ahead: number of simultaneous faults, and phases."""
 
@@ -200,6 +211,7 @@ class Spec:
     separate: tuple[tuple[str, ...], ...] = ()
     together: tuple[tuple[str, ...], ...] = ()
     contingency: Contingency = Contingency()
+    plants: Mapping[str, Plant] = field(default_factory=dict)
 
     def initial_phase(self) -> str | None:
         """Name of the phase that is assumed when none is given; None where the spec has no phases."""

@@ -18,6 +18,7 @@ from heronry_dg.rules.rule import Rule
 MOST_CORES: Final = 1_000
 LARGEST_MEMORY: Final = 1 << 40
 MOST_HZ: Final = 1_000_000
+MOST_BITS_PER_S: Final = 10**10
 MOST_MS: Final = 3_600_000
 
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
@@ -48,6 +49,11 @@ def positive_cpu_millis(value: object) -> int:
 def rate_mhz(value: object) -> int:
     """Convert Hz to millihertz; raises UnfitError for a value that is not positive, too large or too fine."""
     return _positive(_whole(value, 1000, MOST_HZ, "a millihertz"), value)
+
+
+def weight_mbit_per_s(value: object) -> int:
+    """Thousandths of a bit/s, from bit/s; raises UnfitError for what is negative, too large or finer."""
+    return _whole(value, 1000, MOST_BITS_PER_S, "a thousandth of a bit/s")
 
 
 def span_ns(value: object) -> int:

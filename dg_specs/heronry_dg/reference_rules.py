@@ -39,6 +39,7 @@ def check_references(draft: Draft, findings: Findings) -> None:
     assess.functions()
     assess.phases()
     assess.placement()
+    assess.plants()
 
 
 class _ReferenceRules:
@@ -98,6 +99,19 @@ class _ReferenceRules:
         elif form.bus is not None and wired and form.bus not in wired:
             sentence = f"the manager is on bus '{form.bus}', which is wireless"
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
+
+    def plants(self) -> None:
+        """What moves a plant are actuators, what sees it sensors, what it affects plants."""
+        for plant, form in _whole(self._draft.plants):
+            self._names(plant, "affects", form.affects, "plant", self._draft.plants)
+            for field, names, kind in (("moved_by", form.moved_by, "actuator"), ("seen_by", form.seen_by, "sensor")):
+                self._names(plant, field, names, "device", self._draft.devices)
+                for index, name in enumerate(names):
+                    device = self._draft.devices.get(name)
+                    if device is not None and device.form is not None and device.form.kind != kind:
+                        sentence = f"plant '{plant.name}' is {field.replace('_', ' ')} '{name}', which is no {kind}"
+                        hint = "a plant is moved by actuators and seen by sensors"
+                        self._findings.add(graph.WRONG_DEVICE, _value_place(plant, field, index), sentence, hint)
 
     def devices(self) -> None:
         """Check that the PEs of devices exist."""

@@ -26,7 +26,7 @@ from pydantic import (
 
 from heronry_dg import quantities
 from heronry_dg.findings import shown
-from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Variable
+from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Plant, Variable
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
@@ -386,6 +386,19 @@ class PhaseForm(Form):
     )
 
 
+class PlantForm(Form):
+    """A part of the physical world that is controlled; what is held on several axes is several plants."""
+
+    moved_by: Names = Field(default=[], description="Actuators that act on it.", examples=[["elevator_servo"]])
+    seen_by: Names = Field(default=[], description="Sensors that measure it.", examples=[["pitch_gyro"]])
+    affects: Names = Field(default=[], description="Other plants that it acts on.", examples=[["altitude"]])
+    criticality: Criticality = Field(
+        default=_default(Plant, "criticality"),
+        description="How bad it is to lose control of it: A (worst) to E (not critical).",
+        examples=["A"],
+    )
+
+
 class ContingencyForm(Form):
     """Which contingencies must be planned ahead."""
 
@@ -466,6 +479,11 @@ class SpecForm(HeaderForm):
         default={},
         description="Mission phases by name; the first is the initial one.",
         examples=[{"climb": {}, "glide": {"when": {"variable": "altitude", "above": 17000}}}],
+    )
+    plants: dict[str, PlantForm] = Field(
+        default={},
+        description="Parts of the physical world by name; no plan needs them.",
+        examples=[{"pitch": {"moved_by": ["elevator_servo"], "seen_by": ["pitch_gyro"], "criticality": "A"}}],
     )
     contingency: ContingencyForm = Field(
         default=ContingencyForm(), description="The faults to plan ahead for.", examples=[{"faults": 2}]

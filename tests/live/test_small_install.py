@@ -291,12 +291,13 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
         names = set(archive.namelist())
         entry_points = next(archive.read(name).decode() for name in names if name.endswith("entry_points.txt"))
         metadata = next(archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    rooms = {"heronry_wire", "heronry_dg", "heronry_agent", "heronry_manager", "heronry_tools"}
+    rooms = {"heronry_wire", "heronry_dg", "heronry_pcs", "heronry_agent", "heronry_manager", "heronry_tools"}
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == rooms
     assert {f"{room}/py.typed" for room in rooms} <= names
     assert {"heronry_wire/nod.csv", "heronry_tools/runtime/vcan/xstate.c"} <= names
     assert {f"heronry_tools/runtime/deployment/heronry-{node}@.service" for node in ("agent", "manager")} <= names
     assert {f"heronry_dg/specs/{name}.dg.yaml" for name in ("big_blue", "elevator_and_chute")} <= names
+    assert {f"heronry_pcs/graphs/{name}.pcs.yaml" for name in ("g_eav", "g_max", "g_star")} <= names
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     for line in (
         "heronry = heronry_tools.__main__:main",
@@ -327,5 +328,7 @@ def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path
     (tmp_path / "plan.json").write_text(planned.stdout)
     assessed = run("-m", "heronry_tools", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
     assert (assessed.returncode, assessed.stdout) == (0, "legal: no rule is broken\n")
+    cut = run("-m", "heronry_tools.cli", "pcs", "cut", "g_star", env=hidden, cwd=tmp_path)
+    assert (cut.returncode, cut.stdout.partition("\n")[0]) == (0, "at least 950.000 bit/s cross")
     nowhere = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=""))
     assert "No module named 'heronry_dg" in run("-P", "-c", find, env=nowhere, cwd=tmp_path).stderr

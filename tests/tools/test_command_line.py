@@ -215,16 +215,25 @@ def test_no_usage_lists_the_interfaces_of_python_can(name: str, capsys: pytest.C
 
 @pytest.mark.parametrize("name", TEACHING)
 def test_machines_read_json_and_a_file_keeps_what_is_written(name: str) -> None:
-    options = {option for action in parser_of(name)._actions for option in action.option_strings}
-    shown = {o for a in parser_of(name)._actions if a.help != argparse.SUPPRESS for o in a.option_strings}
-    assert ("--json" in options) is (name not in FORMATS)
-    assert ("-o" in options) is (name not in (*ORDERS, *STREAMS))
-    assert shown.isdisjoint({"--output-format", "--docs", "--html", "--junit"}), "older spellings are not shown"
+    for parser in parsers_of(name):
+        options = {option for action in parser._actions for option in action.option_strings}
+        shown = {o for a in parser._actions if a.help != argparse.SUPPRESS for o in a.option_strings}
+        assert ("--json" in options) is (name not in FORMATS)
+        assert ("-o" in options) is (name not in (*ORDERS, *STREAMS))
+        assert shown.isdisjoint({"--output-format", "--docs", "--html", "--junit"}), "older spellings are not shown"
+
+
+def parsers_of(name: str) -> list[argparse.ArgumentParser]:
+    """The parser of a command, or those of its own commands, if it has some."""
+    parser = parser_of(name)
+    own = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return list(own[0].choices.values()) if own else [parser]
 
 
 NO_SPEC = {  # the same mistake: a spec that is not there
     "check": ["check", "nosuch"],
     "render": ["render", "nosuch"],
+    "pcs": ["pcs", "check", "nosuch"],
     "diff": ["diff", "big_blue", "nosuch"],
     "plan": ["plan", "nosuch"],
     "verify": ["verify", "nosuch", "plan.json"],

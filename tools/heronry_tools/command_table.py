@@ -34,7 +34,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("check", "find what is wrong with specs, as a linter does"),
         Command("explain", "what one finding of 'check' means, and how to mend it", "rules"),
         Command("rules", "all rules of 'check'", "rules"),
-        Command("schema", "the JSON schema of specs, for editors", "rules"),
+        Command("schema", "the JSON schema of specs and graphs, for editors", "rules"),
         Command("render", "draw the dependency graph"),
         Command("diff", "what a change of a spec changes, and what follows from it"),
     ),
@@ -46,6 +46,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("bound", "the longest time that a reconfiguration takes"),
         Command("campaign", "what survives every set of faults"),
         Command("cutsets", "the smallest sets of faults that lose a function"),
+        Command("pcs", "component graphs: what controls what, scripts that rewire it"),
     ),
     "try": (
         Command("sim", "fly in virtual time with drawn faults, and check each flight"),

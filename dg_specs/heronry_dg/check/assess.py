@@ -74,10 +74,10 @@ def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
-    return Assessed(file, tuple(sorted(told)), _lines_at({finding.place.line for finding in told}, data))
+    return Assessed(file, tuple(sorted(told)), lines_at({finding.place.line for finding in told}, data))
 
 
-def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
+def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
     """Give some lines of a file by number, without splitting the whole file, which may have millions."""
     last = max(numbers, default=0)
     lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()

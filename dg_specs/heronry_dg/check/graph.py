@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from heronry_dg import yaml_source
+from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import And, Expression, Leaf, bounds
@@ -38,6 +39,7 @@ def check(subject: Subject, findings: Findings) -> None:
     _unused_devices(subject, findings)
     _unused_modules(subject, wiring, findings)
     _unfed_functions(subject, wiring, findings)
+    check_plants(subject, findings)
 
 
 class _Wiring:

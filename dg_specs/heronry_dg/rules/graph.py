@@ -7,7 +7,7 @@ check/graph.py checks the others, from DG230 on, in a spec that loads. How a rul
 from typing import Final
 
 from heronry_dg.rules.rule import Family
-from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, pes
+from heronry_dg.rules.samples import DISPLAY, DRIVER, ROOM, RUNS, doubled, pes
 
 FAMILY: Final = Family("DG2", "the graph: names, gates, wiring", fast=True)
 
@@ -285,6 +285,16 @@ NOT_A_NUMBER_TO_WATCH = FAMILY.stop(
     good="variables:\n  speed: {type: SHORT}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
 )
 
+WRONG_DEVICE = FAMILY.stop(
+    "DG226",
+    "wrong-kind-of-device",
+    what="A plant is moved by a sensor, or seen by an actuator.",
+    why="A loop through the physical world leaves by an actuator and comes back by a sensor.",
+    fix="Name actuators in `moved_by` and sensors in `seen_by`.",
+    bad="plants:\n  room: {moved_by: [lamp], seen_by: [lamp]}\n",
+    good="plants:\n  room: {moved_by: [lamp], seen_by: [gps]}\n",
+)
+
 # These rules are checked in a spec that loads; those about unused parts only if all inputs can be wired.
 
 UNPRODUCED = FAMILY.error(
@@ -322,6 +332,15 @@ NEVER_HOLDS = FAMILY.error(
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
     f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
     f'  display: {{device: lamp, needs: {{or: {{k: 1, of: ["speed@1", "speed@2"]}}}}, {RUNS}}}\n',
+)
+NO_LOOP = FAMILY.error(
+    "DG233",
+    "no-loop",
+    what="No wiring, over all modes, puts a plant of class A or B on a control path.",
+    why="Nothing that sees the plant leads to anything that moves it, so nothing controls it, whatever runs.",
+    fix="Read its sensor in a module that leads to its actuator, or correct `moved_by`, `seen_by` and `affects`.",
+    bad=doubled("E") + "plants:\n  room: {moved_by: [lamp, second_lamp], criticality: A}\n",
+    good=doubled("E") + ROOM,
 )
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
@@ -370,4 +389,13 @@ UNUSED_DEVICE = FAMILY.echo(
     bad="devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: nav}\n"
     "  lamp: {kind: actuator, pe: tail}\n",
     good="devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n",
+)
+LESSER_WITHOUT_LOOP = FAMILY.echo(
+    "DG245",
+    "lesser-plant-without-loop",
+    what="No wiring, over all modes, puts a plant of class C or D on a control path.",
+    why="Nothing that sees the plant leads to anything that moves it, so nothing controls it, whatever runs.",
+    fix="As for DG233; class E says that the plant need not be controlled.",
+    bad="plants:\n  room: {seen_by: [gps], criticality: D}\n",
+    good="plants:\n  room: {seen_by: [gps], criticality: E}\n",
 )

@@ -24,12 +24,13 @@ class Breach(NamedTuple):
 
 
 BREACHES = {
-    "Packages: tools above manager and agent, those above the dependency graph, all above the wire": Breach(
-        "dbc/heronry_wire", "heronry_dg.model"
-    ),
+    (
+        "Packages: tools above manager and agent, those above component graphs, then dependency graphs, then the wire"
+    ): Breach("dg_specs/heronry_dg", "heronry_pcs.graph"),
     "The agent imports the wire alone, not the dependency graph": Breach(
         "pe_agent/heronry_agent/shell", "heronry_dg.model"
     ),
+    "What plans and what flies knows no component graph": Breach("manager/heronry_manager/core", "heronry_pcs.graph"),
     "A PE needs python-can alone": Breach("pe_agent/heronry_agent/shell", "canopen"),
     "Packages of the tools, from the command line down to the console": Breach(
         "tools/heronry_tools/console", "heronry_tools.reports.plan"

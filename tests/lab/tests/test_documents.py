@@ -200,6 +200,8 @@ def test_the_example_spec_loads_and_has_every_key_there_is(example: str) -> None
     every |= entries("when", schema.WhenForm) | entries("contingency", schema.ContingencyForm)
     found |= used("when", iter(phase["when"] for phase in written["phases"].values() if "when" in phase))
     found |= used("contingency", iter([written["contingency"]]))
+    every |= entries("plants", schema.PlantForm)
+    found |= used("plants", iter(written["plants"].values()))
     every |= entries("manager", schema.ManagerForm)
     found |= used("manager", iter([written["manager"]]))
     assert found == every

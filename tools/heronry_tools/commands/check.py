@@ -33,7 +33,7 @@ _STDIN: Final = "<stdin>"
 
 _EPILOG: Final = """\
 examples:
-  heronry check                                  every *.dg.yaml below this folder
+  heronry check                                  every *.dg.yaml and *.pcs.yaml below this folder
   heronry check --fast my.dg.yaml                without the rules that need a solver: for editors and hooks
   heronry check specs/ --strict                  warnings fail, too
   heronry check specs/ --quiet                   errors only; warnings are counted
@@ -51,7 +51,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry check`."""
     parser = subparsers.add_parser(
         "check",
-        description="Check specs against every rule. Exit code 0: no errors; 1: errors; 2: wrong usage.",
+        description="Check specs against every rule, and read component graphs (*.pcs.yaml, *.pcs.json). "
+        "Exit code 0: no errors; 1: errors; 2: wrong usage.",
         epilog=_EPILOG,
     )
     parser.add_argument(
@@ -160,13 +161,14 @@ def _expect_readable(file: Path) -> None:
 
 def _specs_below(folder: Path) -> list[Path]:
     from heronry_dg.loader import SUFFIX  # noqa: PLC0415
+    from heronry_pcs.graph_files import SUFFIXES  # noqa: PLC0415
 
     found = []
     for where, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [Path(where, name) for name in sorted(files) if name.endswith(SUFFIX)]
+        found += [Path(where, name) for name in sorted(files) if name.endswith((SUFFIX, *SUFFIXES))]
     if not found:
-        raise UserError(f"{folder}: there is no *{SUFFIX} in this folder")
+        raise UserError(f"{folder}: there is no *{SUFFIX} in this folder, and no *{SUFFIXES[0]}")
     return found
 
 
@@ -182,6 +184,7 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
     from heronry_dg.findings import Findings  # noqa: PLC0415
     from heronry_dg.loader import read_file  # noqa: PLC0415
     from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
+    from heronry_pcs.graph_files import SUFFIXES  # noqa: PLC0415
     from heronry_tools.analysis.check.registry import RULES, checks_of  # noqa: PLC0415
 
     findings = Findings(name)
@@ -189,7 +192,18 @@ def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> 
     if data is None:
         return Assessed(name, tuple(findings))
     with _defects_of(name):
+        if name.endswith(SUFFIXES):
+            return _graph_file(data, name)
         return assess(data, name, checks_of(fast=fast), RULES, choice)
+
+
+def _graph_file(data: bytes, name: str) -> "Assessed":
+    """Read a component graph; whatever stops it from being read is reported, whatever codes were selected."""
+    from heronry_dg.check.assess import Assessed, lines_at  # noqa: PLC0415
+    from heronry_pcs.graph_files import findings_in  # noqa: PLC0415
+
+    found = findings_in(data, name)
+    return Assessed(name, found, lines_at({finding.place.line for finding in found}, data))
 
 
 @contextmanager
@@ -230,15 +244,17 @@ def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", argument
 
 def _machine_report(told: "Sequence[Assessed]", form: str) -> str:
     from heronry_dg.check import machine_reports  # noqa: PLC0415 - XML is slow to import
+    from heronry_pcs.file_rules import RULES as GRAPH_RULES  # noqa: PLC0415
     from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
 
+    rules = {**RULES, **GRAPH_RULES}
     match form:
         case "json":
-            return machine_reports.json_report(told, RULES)
+            return machine_reports.json_report(told, rules)
         case "github":
             return machine_reports.github_report(told)
         case "sarif":
-            return machine_reports.sarif_report(told, RULES, _version())
+            return machine_reports.sarif_report(told, rules, _version())
         case _:
             return machine_reports.junit_report(told)
 

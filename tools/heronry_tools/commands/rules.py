@@ -32,6 +32,7 @@ An editor with the YAML language server completes and checks specs that begin wi
   # yaml-language-server: $schema=dg.schema.json
 examples:
   heronry schema -o dg.schema.json
+  heronry schema pcs -o pcs.schema.json
 """
 
 
@@ -61,9 +62,10 @@ def add_parsers(subparsers: Any) -> None:
 
     schema = subparsers.add_parser(
         "schema",
-        description="Write the JSON schema (draft 7) of a spec.",
+        description="Write the JSON schema (draft 7) of a spec, or of a component graph.",
         epilog=_SCHEMA_EPILOG,
     )
+    schema.add_argument("format", nargs="?", choices=("dg", "pcs"), default="dg", help="default: dg, a spec")
     add_output_file(schema)
     schema.set_defaults(run=run_schema)
 
@@ -85,10 +87,12 @@ def run_rules(arguments: argparse.Namespace) -> int:
 def run_explain(arguments: argparse.Namespace) -> int:
     """Explain one code; returns the exit code."""
     from heronry_dg.check.rules_page import explained  # noqa: PLC0415
+    from heronry_pcs.file_rules import RULES as GRAPH_RULES  # noqa: PLC0415
     from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
 
     wanted = arguments.code.strip()
-    rule = RULES.get(wanted.upper()) or next((rule for rule in RULES.values() if rule.name == wanted.lower()), None)
+    rules = {**RULES, **GRAPH_RULES}
+    rule = rules.get(wanted.upper()) or next((rule for rule in rules.values() if rule.name == wanted.lower()), None)
     if rule is None:
         found = close(wanted.lower(), [rule.name for rule in RULES.values()])
         remedy = f"did you mean '{found}'?" if found else "heronry rules lists all codes"
@@ -101,9 +105,10 @@ def _fields(rule: "Rule") -> dict[str, object]:
     return {field: getattr(rule, field) for field in _FIELDS}
 
 
-def run_schema(_arguments: argparse.Namespace) -> int:
+def run_schema(arguments: argparse.Namespace) -> int:
     """Write the schema; returns the exit code."""
-    from heronry_dg.check.json_schema import schema_text  # noqa: PLC0415
+    from heronry_dg.check import json_schema as of_specs  # noqa: PLC0415
+    from heronry_pcs import json_schema as of_graphs  # noqa: PLC0415
 
-    sys.stdout.write(schema_text())
+    sys.stdout.write((of_graphs if arguments.format == "pcs" else of_specs).schema_text())
     return 0

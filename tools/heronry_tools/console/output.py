@@ -21,7 +21,7 @@ Forms = Mapping[str, tuple[str, ...]]
 """Names of forms, the usual one first, and the endings of their files."""
 
 JSON: Final = (".json",)
-_TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
+TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
 _PICTURES: Final = (".png", ".pdf", ".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".ps", ".eps")
 
 
@@ -40,7 +40,7 @@ def add_json(parser: argparse.ArgumentParser, what: str = "write the answer as J
 def add_output(
     parser: argparse.ArgumentParser,
     what: str = "write the result as JSON",
-    forms: Forms = _TEXT_OR_JSON,
+    forms: Forms = TEXT_OR_JSON,
     usual: str | None = None,
 ) -> argparse._MutuallyExclusiveGroup:
     """Add -o FILE, --json, and --format where there are more forms than text and JSON.
@@ -50,7 +50,7 @@ def add_output(
     """
     add_output_file(parser)
     choice = parser.add_mutually_exclusive_group()
-    if len(forms) > len(_TEXT_OR_JSON):
+    if len(forms) > len(TEXT_OR_JSON):
         default = usual or next(iter(forms))
         choice.add_argument(
             "--format", choices=tuple(forms), help=f"the form (default: by the ending of FILE, else {default})"

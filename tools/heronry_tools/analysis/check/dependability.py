@@ -49,14 +49,29 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _single_faults(subject: Subject, findings: Findings) -> None:
+    from heronry_tools.analysis.check.lost_plants import lost_plants  # noqa: PLC0415 - as below
     from heronry_tools.analysis.check.servable import Planning  # noqa: PLC0415 - loads the solver, which listing the rules does not need
     from heronry_tools.analysis.check.single_faults import losses  # noqa: PLC0415
 
-    for loss in losses(Planning(subject.spec)):
+    planning = Planning(subject.spec)
+    for loss in lost_plants(planning):
+        _tell_plants(subject, findings, loss)
+    for loss in losses(planning):
         for high in (True, False):
             lost = _of_classes(subject.spec, loss.functions, _HIGH if high else _LOW)
             if lost:
                 _tell_loss(subject, findings, loss, lost, high=high)
+
+
+def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
+    kind, _, name = loss.element.partition(":")
+    plants = [
+        f"'{plant}' ({subject.spec.plants[plant].criticality}{in_phases(subject.spec, at)})"
+        for plant, at in loss.functions.items()
+    ]
+    sentence = f"the loss of {kind} '{name}' alone takes {listed(plants)} off every control path"
+    hint = "heronry pcs check shows the loops of a plan"
+    findings.add(rules.PLANT_LOST, subject.place(_SECTIONS[kind], name), sentence, hint)
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:

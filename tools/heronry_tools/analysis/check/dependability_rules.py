@@ -9,7 +9,7 @@ added.
 from typing import Final
 
 from heronry_dg.rules.rule import Family
-from heronry_dg.rules.samples import DRIVER, RUNS
+from heronry_dg.rules.samples import DRIVER, ROOM, RUNS, doubled
 
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
@@ -20,27 +20,10 @@ _PLANNED: Final = (
 _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds nothing."
 
 
-def _doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
-    """Write a spec with two sensors, two lamps and a doubled bus; `middle` stands between them."""
-    level = "  level: {type: FLOAT}\n" if middle else ""
-    return (
-        "buses: {can0: {bitrate: 1000000, channels: 2}}\n"
-        f"devices:\n  gps: {{kind: sensor, pe: nav}}\n  pitot: {{kind: sensor, pe: {pitot_pe}}}\n"
-        "  lamp: {kind: actuator, pe: tail}\n  second_lamp: {kind: actuator, pe: nav}\n"
-        f"variables:\n  speed: {{type: FLOAT}}\n{level}"
-        f"gates: {{light: {{demux: {reads}}}}}\n"
-        f"modules:\n{DRIVER}"
-        f"  other_driver: {{device: pitot, gives: {{speed: 1}}, {RUNS}}}\n{middle}"
-        f"  display: {{device: lamp, needs: light, {RUNS}}}\n"
-        f"  second_display: {{device: second_lamp, needs: light, {RUNS}}}\n"
-        f"functions: {{showing: {{output: light, criticality: {criticality}}}}}\n"
-    )
-
-
 def _smoothed(criticality: str, *names: str) -> str:
     """Write the same spec with modules of these names, which make `level` of `speed`."""
     middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
-    return _doubled(criticality, middle=middle, reads="level")
+    return doubled(criticality, middle=middle, reads="level")
 
 
 def _two_lamps(second_lamp_pe: str) -> str:
@@ -99,8 +82,8 @@ LOST_WITH_HARDWARE = FAMILY.warning(
     f"room, are reported alike. {_PLANNED}",
     fix="Double the device on another PE (a DEMUX chooses between actuators), give the bus `channels: 2`, let modules "
     "run on more PEs or with less, or accept it with a reason: `# dg: ignore[DG401] one engine`.",
-    bad=_doubled("A", pitot_pe="nav"),
-    good=_doubled("A", pitot_pe="tail"),
+    bad=doubled("A", pitot_pe="nav"),
+    good=doubled("A", pitot_pe="tail"),
 )
 LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     "DG402",
@@ -108,8 +91,8 @@ LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     what="A function of class C or D is lost when one PE, device or bus fails.",
     why=f"This rule has another code than DG401, so that one can be an error and the other accepted. {_PLANNED}",
     fix="As for DG401; or make the function class E, if nothing depends on it.",
-    bad=_doubled("C", pitot_pe="nav"),
-    good=_doubled("C", pitot_pe="tail"),
+    bad=doubled("C", pitot_pe="nav"),
+    good=doubled("C", pitot_pe="tail"),
 )
 LOST_WITH_MODULE = FAMILY.warning(
     "DG403",
@@ -130,6 +113,17 @@ LESSER_LOST_WITH_MODULE = FAMILY.warning(
     fix="As for DG403; or make the function class E, if nothing depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
+)
+PLANT_LOST = FAMILY.warning(
+    "DG405",
+    "plant-off-path",
+    what="A plant of class A or B is on no control path any more when one element fails.",
+    why="Its function may still be served, by a module that no longer sees what it moves: the loop is open. Each plan "
+    "is the best one without the element, in every phase whose plan with everything up has the plant on a path.",
+    fix="Let another sensor see the plant, or another actuator move it, that the same fault does not take away; or "
+    "accept it with a reason.",
+    bad=doubled("E", pitot_pe="nav") + ROOM,
+    good=doubled("E", pitot_pe="tail") + ROOM,
 )
 DEMUX_SHARES = FAMILY.warning(
     "DG410",

@@ -120,10 +120,13 @@ class Planning:
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
         """Name those functions that the best plan of a phase gives up; with elements down, the contingency plan."""
-        found = self.healthy(phase)
-        if down:
-            found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)
+        found = self.contingency(phase, down) if down else self.healthy(phase)
         return frozenset(name for name in functions if not found.functions[name].served)
+
+    def contingency(self, phase: Phase, down: frozenset[str]) -> Plan:
+        """Give the plan of a phase with some elements down, made from its best plan with everything up."""
+        running = placement(self.healthy(phase).configuration)
+        return plan(self.spec, Situation(down, phase=phase), running, effort=_EFFORT)
 
     def _serves(self, configuration: Configuration, functions: Collection[str], least: Mapping[str, int]) -> bool:
         return all(

@@ -35,16 +35,16 @@ def losses(planning: Planning) -> Iterator[Loss]:
     critical = _fitting(planning)
     known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
     lost: dict[str, Lost] = {}
-    for element in _single(spec):
+    for element in single_elements(spec):
         left = what_is_left(survivors(spec, Situation(frozenset({element}))))
         if left not in known:
             known[left] = _lost(planning, critical, frozenset({element}))
         lost[element] = known[left]
-        if lost[element] and lost.get(_device_of(spec, element)) != lost[element]:
+        if lost[element] and lost.get(device_of(spec, element)) != lost[element]:
             yield Loss(element, lost[element])
 
 
-def _single(spec: Spec) -> Iterator[str]:
+def single_elements(spec: Spec) -> Iterator[str]:
     """List the elements that one fault takes away; of a replicated bus one channel, whose loss has no effect."""
     for element in elements(spec):
         kind, _, name = element.partition(":")
@@ -72,7 +72,7 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
     return {name: at for name, at in by_function.items() if at}
 
 
-def _device_of(spec: Spec, element: str) -> str:
+def device_of(spec: Spec, element: str) -> str:
     """Give the device of a module as an element; for a module without a device, a name that is no element."""
     kind, _, name = element.partition(":")
     return f"device:{spec.modules[name].device}" if kind == "module" else ""

@@ -32,14 +32,14 @@ _ARROW = (
 )
 
 
-def svg(graph: Graph) -> str:
+def svg(graph: Graph, title: str = "Dependency graph") -> str:
     """Draw a graph; the same graph gives the same bytes."""
     drawn = sheets(graph)
     width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
     size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">',
-        f"<title>{escape(f'Dependency graph of {graph.name}')}</title>",
+        f"<title>{escape(f'{title} of {graph.name}')}</title>",
         f"<style>{_STYLE}</style>",
         _ARROW,
         f'<rect width="{width}" height="{height}" fill="#fff"/>',

@@ -1,0 +1,145 @@
+"""Component-cycles, whatever the direction of their edges: the longest one, and graphs that are bound by it.
+
+A component-path is two or more different members, each a neighbor of the next. A component-cycle is a path of three or
+more whose last member is a neighbor of its first. A graph is *cycle-bound* if it is component-connected and some
+longest cycle has each member in it, or in a cycle that shares a member with it.
+
+Every cycle lies in a *block*: a largest set of members that stays connected whichever one of them is removed. In a
+block of three or more any two members lie on one cycle. So a graph is cycle-bound iff it is connected, each member is
+in a block of three or more, and some longest cycle of the whole graph lies in a block that meets every other one and
+passes all members that this block shares with others. Two blocks share at most one member.
+
+To find a longest cycle is NP-hard. A `Search` finds bounds for one block; `bounds_alone` searches for nothing, which is
+enough where the whole graph is one block, and where blocks are too far apart.
+
+Source: the paper, section 2.2. What differs: its component-path is any connected set; two neighbors are no cycle here;
+and "maximal length" by its letter is had only by a cycle through all. Being cycle-bound says nothing of control:
+A > B, A > C, B > C is cycle-bound, and nothing controls A.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_pcs.graph import Graph
+from heronry_pcs.neighborhood import neighbors
+from heronry_pcs.predicates import is_component_connected
+
+Touching = Mapping[str, Collection[str]]
+"""For each member of a block its neighbors in the block."""
+
+Bounds = tuple[int, int]
+"""What a longest cycle has at least and at most, in members; (0, 0) where there is none."""
+
+Search = Callable[[Touching, frozenset[str]], Bounds]
+"""Bounds of a longest cycle in a block, among the cycles that pass some members."""
+
+LEAST_CYCLE = 3
+
+
+def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
+    """Bounds without a search: of a block whose members touch d others or more, min(size, 2 d) (Dirac 1952).
+
+    A cycle through all passes any `through`; a shorter one is only known to pass two of them.
+    """
+    size = len(block)
+    degrees = [len(touching) for touching in block.values()]
+    certain = size if max(degrees) == 2 else min(size, 2 * min(degrees))
+    if certain == size or not through:
+        return certain, size
+    return (LEAST_CYCLE if len(through) <= 2 else 0), size
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """What is known of the component-cycles of a graph."""
+
+    longest: Bounds
+    cycle_bound: bool | None  # None: the search left it open
+
+
+def cycles(graph: Graph, search: Search = bounds_alone) -> Cycles:
+    """Assess the component-cycles of a graph."""
+    touching = neighbors(graph)
+    rings = [block for block in blocks(touching) if len(block) >= LEAST_CYCLE]
+    found = [_searched(touching, ring, frozenset(), search) for ring in rings]
+    longest = (max((least for least, _ in found), default=0), max((most for _, most in found), default=0))
+    if not rings or not is_component_connected(graph) or set[str]().union(*rings) != graph.members.keys():
+        return Cycles(longest, cycle_bound=False)
+    if len(rings) == 1:
+        return Cycles(longest, cycle_bound=True)
+    return Cycles(longest, _bound(touching, rings, longest, search))
+
+
+def _bound(touching: Touching, rings: list[set[str]], longest: Bounds, search: Search) -> bool | None:
+    is_open = False
+    for ring in rings:
+        shared = [ring & other for other in rings if other is not ring]
+        if not all(shared):
+            continue
+        least, most = _searched(touching, ring, frozenset[str]().union(*shared), search)
+        if least >= longest[1]:
+            return True
+        is_open = is_open or most >= longest[0]
+    return None if is_open else False
+
+
+def _searched(touching: Touching, ring: set[str], through: frozenset[str], search: Search) -> Bounds:
+    block = {name: sorted(ring.intersection(touching[name])) for name in sorted(ring)}
+    least, most = bounds_alone(block, through)
+    return (least, most) if least == most else search(block, through)
+
+
+def blocks(touching: Touching) -> list[set[str]]:
+    """Blocks of a graph of neighbors (Hopcroft and Tarjan 1973); a member without neighbors is in none."""
+    return _Blocks(touching).found()
+
+
+class _Blocks:
+    """One run of the algorithm, without recursion: `path` holds what would be the stack of calls."""
+
+    def __init__(self, touching: Touching) -> None:
+        self._touching = touching
+        self._entered: dict[str, int] = {}
+        self._low: dict[str, int] = {}  # the earliest entered member that a member leads back to
+        self._open: list[str] = []  # entered, and not yet the lower end of a block
+        self._found: list[set[str]] = []
+
+    def found(self) -> list[set[str]]:
+        for name in self._touching:
+            if name not in self._entered:
+                self._walk(name)
+        return self._found
+
+    def _walk(self, root: str) -> None:
+        path = [self._enter(root)]
+        while path:
+            name, left = path[-1]
+            new = self._next_new(name, left)
+            if new is not None:
+                path.append(self._enter(new))
+                continue
+            path.pop()
+            if path:
+                self._leave(path[-1][0], name)
+        self._open.clear()
+
+    def _enter(self, name: str) -> tuple[str, Iterator[str]]:
+        self._entered[name] = self._low[name] = len(self._entered)
+        self._open.append(name)
+        return name, iter(sorted(self._touching[name]))
+
+    def _next_new(self, name: str, left: Iterator[str]) -> str | None:
+        for other in left:
+            if other not in self._entered:
+                return other
+            self._low[name] = min(self._low[name], self._entered[other])
+        return None
+
+    def _leave(self, above: str, name: str) -> None:
+        """Close the block below `above`, where nothing in it leads further back."""
+        self._low[above] = min(self._low[above], self._low[name])
+        if self._low[name] >= self._entered[above]:
+            block = {above}
+            while name not in block:
+                block.add(self._open.pop())
+            self._found.append(block)

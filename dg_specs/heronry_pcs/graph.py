@@ -1,0 +1,143 @@
+"""Component graphs as values: leaves, vertices, edges, and components that hold components.
+
+A *space* is a set of leaves, each with ports. A vertex is `leaf.port`, split at the first dot; its *parent* is the
+leaf. An edge is an ordered pair of vertices of the space. A graph is (V, E, C): vertices, edges (whose ends may lie
+outside V) and names of members. A member is a (V, E, C) as well: a leaf is (its ports, {}, {}), and a composite says
+what it has. Nothing here demands that a graph makes sense: predicates.py assesses that.
+
+A graph of this module has no unknown names: each name in a C is a leaf or a composite, and each vertex is a port of a
+leaf of the space. Nothing is ever changed; an operation gives another graph.
+
+Source: Ippolito et al., "Polymorphic Control Reconfiguration in an Autonomous UAV with UGV Collaboration", section 2.2.
+The paper says that a vertex has a unique parent and then contracts components all the same; here the parent of a vertex
+is its leaf, whatever members hold the vertex. It also writes "G is a subgraph of G'" with the roles exchanged.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from heronry_wire.errors import HeronryError
+
+Edge = tuple[str, str]
+"""Initial and terminal vertex: init(e) and ter(e) of the paper."""
+
+
+class PcsError(HeronryError, ValueError):
+    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`."""
+
+    def __init__(self, error: str) -> None:
+        self.error = error
+        super().__init__(f"{error}: {_explained(error)}")
+
+
+def _explained(error: str) -> str:
+    kind, _, name = error.partition(":")
+    match kind:
+        case "needs":
+            return f"the graph is not {name}, which this needs"
+        case "unknown":
+            return f"there is no '{name}' here"
+        case "clash":
+            return f"the name '{name}' stands for two different components"
+        case _:
+            return _SENTENCES[kind]
+
+
+_SENTENCES: Mapping[str, str] = {
+    "view": "these members are no view: they share a vertex, or do not have all vertices together",
+    "contracted": "the view has no members inside this component that have all of its vertices",
+    "leaf": "this member has no components to expand it to",
+    "uncovered": "the components of this member do not have all of its vertices",
+    "edge_apart": "no end of the edge is where it would join the graph",
+    "edge_outside": "an end of the edge is not in the graph",
+    "edge_inside": "one member holds both ends of the edge",
+    "sides": "a cut needs leaves pinned to exactly two sides",
+    "leaves": "the vertices are not exactly the ports of the leaves among the members",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """A component without components: what runs, or a part of the physical world."""
+
+    name: str
+    ports: Mapping[str, int]  # port -> weight in thousandths of a bit/s
+    image: str  # its code
+    plant: bool = False  # a part of the physical world
+    side: str | None = None  # the partition that it is pinned to
+
+    def vertices(self) -> frozenset[str]:
+        """Vertices of its ports."""
+        return frozenset(f"{self.name}.{port}" for port in self.ports)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Vertices, edges and names of components: (V, E, C)."""
+
+    vertices: frozenset[str] = frozenset()
+    edges: frozenset[Edge] = frozenset()
+    components: frozenset[str] = frozenset()
+
+    def has_subgraph(self, other: "Part") -> bool:
+        """Tell whether another one is a subgraph of this one: V, E and C are subsets."""
+        return other.vertices <= self.vertices and other.edges <= self.edges and other.components <= self.components
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A component graph, its space, and the composites that its names stand for."""
+
+    name: str
+    leaves: Mapping[str, Leaf]  # the space, in the order of the file
+    composites: Mapping[str, Part] = field(default_factory=dict)
+    own: Part = Part()
+
+    @property
+    def vertices(self) -> frozenset[str]:
+        """V of the graph."""
+        return self.own.vertices
+
+    @property
+    def edges(self) -> frozenset[Edge]:
+        """E of the graph."""
+        return self.own.edges
+
+    @cached_property
+    def members(self) -> Mapping[str, Part]:
+        """C of the graph, by name in the order of names."""
+        return {name: self.part(name) for name in sorted(self.own.components)}
+
+    @cached_property
+    def holders(self) -> Mapping[str, tuple[str, ...]]:
+        """The members that hold a vertex, in the order of names; a vertex that none holds is not listed."""
+        found: dict[str, list[str]] = {}
+        for name, member in self.members.items():
+            for vertex in member.vertices:
+                found.setdefault(vertex, []).append(name)
+        return {vertex: tuple(names) for vertex, names in found.items()}
+
+    @cached_property
+    def space(self) -> frozenset[str]:
+        """All vertices that there are."""
+        return frozenset(vertex for leaf in self.leaves.values() for vertex in leaf.vertices())
+
+    def part(self, name: str) -> Part:
+        """What a name stands for: a leaf or a composite."""
+        leaf = self.leaves.get(name)
+        return self.composites[name] if leaf is None else Part(leaf.vertices())
+
+    def of(self, vertices: frozenset[str], edges: frozenset[Edge], components: frozenset[str]) -> "Graph":
+        """Give the graph with other vertices, edges and members, in the same space."""
+        return replace(self, own=Part(vertices, edges, components))
+
+
+def parent(vertex: str) -> str:
+    """Name of the leaf that a vertex belongs to."""
+    return vertex.partition(".")[0]
+
+
+def inside(edges: Iterable[Edge], vertices: frozenset[str]) -> frozenset[Edge]:
+    """The edges with both ends among some vertices."""
+    return frozenset(edge for edge in edges if edge[0] in vertices and edge[1] in vertices)

@@ -1,0 +1,91 @@
+"""Loops: where a signal comes back to where it came from. Here the direction of edges counts.
+
+The *home* of a vertex is the smallest member that holds it: the one with the fewest vertices, then the fewest
+components, then the first by name; a vertex that no member holds has its leaf for a home. Edges lead from home to home,
+and a *loop* is a set of two or more homes that all reach one another. So each loop lies in a strongly connected
+component of the homes, and that component is itself the largest loop in it: these are what `loops` gives.
+
+A member is on a loop if some loop has a home within its vertices, and another one that is not: the signal leaves it and
+returns. A plant, which is a part of the physical world, is on a path if some loop leads through it and through
+something that is no plant: a controller acts on it and sees the effect. A control path of some members is one loop
+with a home within each of them.
+
+Source: the paper, section 3.4 ("a control path that includes the components"), which defines no loop; its
+component-cycles ignore direction (cycles.py), so that three components which feed one another forward are one.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.cycles import components
+from heronry_pcs.graph import Graph, parent
+
+
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """The largest loops of a graph; every loop lies in one of them."""
+
+    found: tuple[frozenset[str], ...]  # homes: names of members or of leaves
+    _controlling: frozenset[int]  # numbers of the loops with a home that is no plant
+    _homes_at: Mapping[str, list[tuple[int, frozenset[str]]]]  # by vertex: loop and vertices of a home that holds it
+
+    def through(self, vertices: frozenset[str]) -> bool:
+        """Tell whether some loop has a home within these vertices and one that is not."""
+        return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
+
+    def control(self, vertices: frozenset[str]) -> bool:
+        """Tell whether some loop has a home within these vertices, of a plant, and one that is no plant."""
+        return not self._controlling.isdisjoint(self._within(vertices))
+
+    def join(self, members: Collection[frozenset[str]]) -> bool:
+        """Tell whether one loop has a home within the vertices of each of some members."""
+        joined = set(range(len(self.found)))
+        for vertices in members:
+            joined.intersection_update(self._within(vertices))
+        return bool(joined)
+
+    def _within(self, vertices: frozenset[str]) -> Counter[int]:
+        """For each loop with homes within these vertices, how many there are: no two homes have the same vertices."""
+        near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
+        return Counter(loop for loop, home in near if home <= vertices)
+
+
+def is_plant(graph: Graph, name: str) -> bool:
+    """Tell whether a member has vertices, all of leaves that are parts of the physical world."""
+    leaves = {parent(vertex) for vertex in graph.part(name).vertices}
+    return bool(leaves) and all(graph.leaves[leaf].plant for leaf in leaves)
+
+
+def home(graph: Graph, vertex: str) -> str:
+    """Name of the smallest member that holds a vertex; of its leaf where none does."""
+    holders = graph.holders.get(vertex)
+    if holders is None:
+        return parent(vertex)
+    return min(holders, key=lambda name: (*_size(graph, name), name))
+
+
+def _size(graph: Graph, name: str) -> tuple[int, int]:
+    member = graph.members[name]
+    return len(member.vertices), len(member.components)
+
+
+def loops(graph: Graph) -> Loops:
+    """Find the largest loops of a graph."""
+    leads: dict[str, dict[str, None]] = {}
+    homes: dict[str, str] = {}
+    for edge in sorted(graph.edges):
+        start, end = (homes.setdefault(vertex, home(graph, vertex)) for vertex in edge)
+        leads.setdefault(start, {})[end] = None
+        leads.setdefault(end, {})
+    found = tuple(frozenset(loop) for loop in components({k: list(v) for k, v in leads.items()}) if len(loop) > 1)
+    at: dict[str, list[tuple[int, frozenset[str]]]] = {}
+    for number, loop in enumerate(found):
+        for one in loop:
+            vertices = graph.part(one).vertices
+            for vertex in vertices:
+                at.setdefault(vertex, []).append((number, vertices))
+    controlling = frozenset(
+        number for number, loop in enumerate(found) if not all(is_plant(graph, one) for one in loop)
+    )
+    return Loops(found, controlling, at)

@@ -1,0 +1,90 @@
+"""Which members touch: neighbors, what a member subsumes, and the necessary conditions for control.
+
+Two members are neighbors if an edge, in either direction, has one end in the one and the other end in the other. A
+member subsumes another one that is a subgraph of it, and is among its components, or is subsumed by one of them.
+
+*Necessary, not sufficient*: a member into which no edge leads from another member cannot be controllable, and one out
+of which none leads cannot be observable. The paper's conditions say no more: a component between two pairs that feed
+each other has an edge in and an edge out, and yet is on no loop.
+
+Source: the paper, section 2.2.
+"""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from heronry_pcs.graph import Edge, Graph
+
+Condition = Literal["excluded", "possible"]
+
+
+def neighbors(graph: Graph) -> Mapping[str, set[str]]:
+    """Neighbors of each member, in the order of names."""
+    found: dict[str, set[str]] = {name: set() for name in graph.members}
+    for origins, targets in _crossings(graph):
+        for one in origins:
+            for other in targets:
+                if one != other:
+                    found[one].add(other)
+                    found[other].add(one)
+    return found
+
+
+def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """For each edge the members that hold its ends; edges alike count once."""
+    return {(graph.holders.get(start, ()), graph.holders.get(end, ())) for start, end in graph.edges}
+
+
+def subsumed(graph: Graph) -> Mapping[str, list[str]]:
+    """Members that each member subsumes, sorted."""
+    return {name: sorted(_subsumed_by(graph, name)) for name in graph.members}
+
+
+def _subsumed_by(graph: Graph, name: str) -> set[str]:
+    """Walk down from a member; what is below a component is subsumed where each on the way down is a supergraph."""
+    found: set[str] = set()
+    for target in _below(graph, name):
+        part = graph.part(target)
+        waiting, seen = [name], {name}
+        while waiting:
+            here = graph.part(waiting.pop())
+            if not here.has_subgraph(part):
+                continue
+            if target in here.components:
+                found.add(target)
+                break
+            new = here.components - seen
+            seen |= new
+            waiting += new
+    return found
+
+
+def _below(graph: Graph, name: str) -> set[str]:
+    """Members among the components of a member, or of one of these, and so on."""
+    seen: set[str] = set()
+    waiting = [name]
+    while waiting:
+        new = graph.part(waiting.pop()).components - seen
+        seen |= new
+        waiting += new
+    return seen & graph.members.keys()
+
+
+def controllable(graph: Graph) -> Mapping[str, Condition]:
+    """For each member whether the necessary condition for controllability excludes it: an edge leads into it."""
+    return _fed_by_another(graph, graph.edges)
+
+
+def observable(graph: Graph) -> Mapping[str, Condition]:
+    """For each member whether the necessary condition for observability excludes it: an edge leads out of it."""
+    return _fed_by_another(graph, {(end, start) for start, end in graph.edges})
+
+
+def _fed_by_another(graph: Graph, edges: "frozenset[Edge] | set[Edge]") -> Mapping[str, Condition]:
+    found: dict[str, Condition] = dict.fromkeys(graph.members, "excluded")
+    for start, end in edges:
+        origins = graph.holders.get(start, ())
+        for target in graph.holders.get(end, ()):
+            if any(origin != target for origin in origins):
+                found[target] = "possible"
+    return found

@@ -1,0 +1,135 @@
+"""Operations on component graphs: cprune, combine, removal, addition and addEdge.
+
+Each checks what it needs, in the order of its docstring, and raises PcsError with the first thing that is missing: a
+predicate as `needs:P`, then clashes, then a vertex that the space lacks (`unknown:V`), then where the edge lies.
+
+    cprune     keeps what it needs
+    combine    keeps component_graph and edge_contained; configuration if an edge is given and no vertex is shared
+    removal    keeps all but component_connected
+    addition   keeps configuration
+    add_edge   keeps configuration
+
+Source: the paper, section 2.3. What differs, since its text would not keep what it promises: cprune takes the vertices
+of a component along, and stops at one component; combine takes no edge as well, which section 3.4 uses; removal gives a
+configuration only if what is left is connected; addition refuses an edge that leaves the graph or lies inside a
+component; addEdge adds an edge between two members, and the parent that it brings becomes a member.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+from heronry_pcs.graph import Edge, Graph, Part, PcsError, parent
+from heronry_pcs.neighborhood import neighbors
+from heronry_pcs.predicates import need
+
+
+def cprune(graph: Graph) -> Graph:
+    """While there are two members or more, drop the first by name that has no neighbor, with its vertices.
+
+    Needs component_graph, disjoint, pruned.
+    """
+    need(graph, "component_graph", "disjoint", "pruned")
+    alone = [name for name, touching in neighbors(graph).items() if not touching]
+    gone = alone[: len(graph.members) - 1]  # that one goes takes no neighbor from another one: it had none
+    vertices = frozenset[str]().union(*(graph.members[name].vertices for name in gone))
+    return graph.of(graph.vertices - vertices, graph.edges, graph.own.components - frozenset(gone))
+
+
+def combine(graph: Graph, other: Graph, edge: Edge | None = None) -> Graph:
+    """Unite two graphs, and join them by an edge.
+
+    Needs component_graph of both and a vertex in both (`needs:vertex`), in each first the one, then the other; what has
+    one name equal in both (`clash:K`); the ends of the edge in the spaces (`unknown:V`), one in each graph
+    (`edge_apart`).
+    """
+    for one in (graph, other):
+        need(one, "component_graph")
+        if not one.vertices:
+            raise PcsError("needs:vertex")
+    _refuse_clash(graph, other)
+    if edge is not None:
+        _check_known(edge, graph.space | other.space)
+        if not (_leads(edge, graph, other) or _leads(edge, other, graph)):
+            raise PcsError("edge_apart")
+    return Graph(
+        name=graph.name,
+        leaves={**graph.leaves, **other.leaves},
+        composites={**graph.composites, **other.composites},
+        own=Part(
+            graph.vertices | other.vertices,
+            graph.edges | other.edges | ({edge} if edge is not None else frozenset()),
+            graph.own.components | other.own.components,
+        ),
+    )
+
+
+def _leads(edge: Edge, graph: Graph, other: Graph) -> bool:
+    return edge[0] in graph.vertices and edge[1] in other.vertices
+
+
+def _refuse_clash(graph: Graph, other: Graph) -> None:
+    """Raise PcsError for the first name of both that stands for different things: leaves first, then composites."""
+    for name in sorted(graph.leaves.keys() & other.leaves.keys()):
+        if graph.leaves[name] != other.leaves[name]:
+            raise PcsError(f"clash:{name}")
+    ours, theirs = ({**one.leaves, **one.composites} for one in (graph, other))
+    composites = graph.composites.keys() | other.composites.keys()
+    for name in sorted(composites & ours.keys() & theirs.keys()):
+        if ours[name] != theirs[name]:
+            raise PcsError(f"clash:{name}")
+
+
+def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
+    """Remove edges, and prune what is left; an edge that the graph lacks is passed over. Needs configuration."""
+    need(graph, "configuration")
+    return cprune(graph.of(graph.vertices, graph.edges - frozenset(edges), graph.own.components))
+
+
+def addition(graph: Graph, edge: Edge) -> Graph:
+    """Add an edge.
+
+    Needs configuration; both ends in the space (`unknown:V`), in the graph (`edge_outside`), not in one member
+    (`edge_inside`).
+    """
+    need(graph, "configuration")
+    _check_known(edge, graph.space)
+    if not graph.vertices.issuperset(edge):
+        raise PcsError("edge_outside")
+    if _in_one_member(graph, edge):
+        raise PcsError("edge_inside")
+    return graph.of(graph.vertices, graph.edges | {edge}, graph.own.components)
+
+
+def add_edge(graph: Graph, edge: Edge) -> Graph:
+    """Add an edge, and the leaf at the end of it that is not in the graph yet.
+
+    Needs configuration; both ends in the space (`unknown:V`), one of them in the graph (`edge_apart`). An edge inside
+    one member changes nothing.
+    """
+    need(graph, "configuration")
+    _check_known(edge, graph.space)
+    start, end = edge
+    if graph.vertices.isdisjoint(edge):
+        raise PcsError("edge_apart")
+    for outside in (end, start):
+        if outside not in graph.vertices:
+            return combine(graph, _alone(graph, parent(outside)), edge)
+    return graph if _in_one_member(graph, edge) else addition(graph, edge)
+
+
+def _alone(graph: Graph, leaf: str) -> Graph:
+    part = graph.part(leaf)
+    return replace(
+        graph, leaves={leaf: graph.leaves[leaf]}, composites={}, own=Part(part.vertices, components=frozenset({leaf}))
+    )
+
+
+def _check_known(edge: Edge, space: frozenset[str]) -> None:
+    for vertex in edge:
+        if vertex not in space:
+            raise PcsError(f"unknown:{vertex}")
+
+
+def _in_one_member(graph: Graph, edge: Edge) -> bool:
+    start, end = edge
+    return not set(graph.holders.get(start, ())).isdisjoint(graph.holders.get(end, ()))

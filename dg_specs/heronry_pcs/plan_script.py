@@ -1,0 +1,152 @@
+"""Scripts on a plan: what runs is rewired, and moved, as the components of a graph are.
+
+The graph that a script sees has the running modules and their wires alone; devices and plants follow from them. Its
+space holds, under the name of each module, one leaf for each of its modes and possible PEs, and the image picks one:
+`IMAGE:MODE@PE`. What may be left out:
+
+    :MODE    then it is the best mode that has all wires which the script tells of the module
+    @PE      then the PEs are those of the legal configuration with the fewest published bits (level 6), then the least
+             CPU (level 7); of several the first in the spec's order
+    :PATH    of the input at the end of an edge, where the module has one input of that variable
+
+A script can tell an edge that is no wire, since it leads from an input or between two variables: `no_wires` lists them.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from math import prod
+from typing import Final
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.model import Module, Spec
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+from heronry_dg.verify import verify
+from heronry_pcs.graph import Edge, Graph, Leaf, Part
+from heronry_pcs.plan_graph import image_of, module_leaf, sides_of, wire_edges
+from heronry_pcs.script import interpret
+from heronry_pcs.script_syntax import Call, ScriptError, read_script
+
+MOST_PLACEMENTS: Final = 20_000  # tried for modules whose PE is left out
+
+Place = tuple[str, str]  # mode, PE
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOutcome:
+    """What a script makes of a configuration: with errors the one before it."""
+
+    statements: int
+    errors: tuple[ScriptError, ...]
+    configuration: Configuration
+    no_wires: tuple[Edge, ...]  # edges of the script's graph that no configuration has
+
+
+def module_graph(spec: Spec, configuration: Configuration) -> Graph:
+    """The modules of a configuration and their wires, as a graph of leaves."""
+    sides = sides_of(spec)
+    leaves = {name: module_leaf(spec, name, one.mode, one.pe, sides) for name, one in configuration.modules.items()}
+    vertices = frozenset(vertex for leaf in leaves.values() for vertex in leaf.vertices())
+    return Graph(spec.name, leaves, {}, Part(vertices, frozenset(wire_edges(configuration)), frozenset(leaves)))
+
+
+def apply_to_plan(text: str, spec: Spec, now: Situation, configuration: Configuration) -> PlanOutcome:
+    """Apply a script to a configuration, in the situation that PEs left out are chosen for."""
+    space = _Space(spec, text)
+    outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
+    if outcome.errors:
+        return PlanOutcome(outcome.statements, outcome.errors, configuration, ())
+    places = {name: space.place(name, outcome.after.leaves[name].image) for name in outcome.after.own.components}
+    wired, no_wires = _wired(spec, outcome.after, places)
+    free = [name for name in wired.modules if name in space.free]
+    return PlanOutcome(outcome.statements, (), _placed(spec, now, wired, free), no_wires)
+
+
+def _target(leaf: Leaf, port: str) -> str:
+    """The input that `V` stands for at the end of an edge: the only one of that variable."""
+    inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
+    return inputs[0] if len(inputs) == 1 else port
+
+
+class _Space:
+    """The leaves of a spec that a script may create."""
+
+    def __init__(self, spec: Spec, text: str) -> None:
+        self._spec = spec
+        self._sides = sides_of(spec)
+        self._outputs: dict[str, set[str]] = {}  # module -> ports that wires of the script leave by
+        self._inputs: dict[str, set[str]] = {}
+        self.free: set[str] = set()  # created modules whose PE was left out
+        for call in read_script(text)[0]:
+            if isinstance(call, Call) and call.operation == "CreateEdge":
+                for ports, vertex in zip((self._outputs, self._inputs), call.arguments, strict=True):
+                    name, _, port = vertex.partition(".")
+                    ports.setdefault(name, set()).add(port)
+
+    def pick(self, name: str, image: str) -> Leaf | None:
+        """The leaf of a module that an image names, with what the image leaves out."""
+        module = self._spec.modules.get(name)
+        if module is None:
+            return None
+        self.free.discard(name)
+        for (mode, pe), names in self._names(module):
+            leaf = module_leaf(self._spec, name, mode, pe, self._sides)
+            if image in names[:2] or (image in names[2:] and self._has_wires(leaf)):
+                if image in names[1::2]:
+                    self.free.add(name)
+                return leaf
+        return None
+
+    def _names(self, module: Module) -> Iterator[tuple[Place, tuple[str, ...]]]:
+        """Each mode and possible PE with the images that name it: with both, without PE, without mode, with neither."""
+        for mode in module.modes:
+            for pe in hosts_when_all_is_up(self._spec, module):
+                short = f"{module.image}:{mode}", f"{module.image}@{pe}", module.image
+                yield (mode, pe), (image_of(module, mode, pe), *short)
+
+    def place(self, name: str, image: str) -> Place:
+        """Mode and PE of a leaf."""
+        module = self._spec.modules[name]
+        places = product(module.modes, self._spec.pes)
+        return next((mode, pe) for mode, pe in places if image_of(module, mode, pe) == image)
+
+    def _has_wires(self, leaf: Leaf) -> bool:
+        outputs, inputs = self._outputs.get(leaf.name, set()), self._inputs.get(leaf.name, set())
+        return outputs <= leaf.ports.keys() and all(_target(leaf, port) in leaf.ports for port in inputs)
+
+
+def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Configuration, tuple[Edge, ...]]:
+    """The configuration of a graph of modules, and the edges that are no wires of one."""
+    modules = {name: Running(places[name][1], places[name][0], {}) for name in spec.modules if name in places}
+    no_wires = []
+    for start, end in sorted(graph.edges):
+        (producer, _, variable), (consumer, _, port) = start.partition("."), end.partition(".")
+        read, _, path = port.partition(":")
+        gives = spec.modules[producer].modes[modules[producer].mode].gives
+        leaves = dict(spec.modules[consumer].modes[modules[consumer].mode].leaves())
+        inputs = modules[consumer].inputs
+        if ":" not in port or read != variable or variable not in gives or path not in leaves or path in inputs:
+            no_wires.append((start, end))
+            continue
+        wire = Wire(producer, variable, gives[variable])
+        modules[consumer] = replace(modules[consumer], inputs={**inputs, path: wire})
+    return Configuration(modules), tuple(no_wires)
+
+
+def _placed(spec: Spec, now: Situation, configuration: Configuration, free: list[str]) -> Configuration:
+    """Choose the PEs of some modules: those of a legal configuration with the fewest published bits, if there is one.
+
+    CPU is the same on every PE, so that level 7 decides nothing here.
+    """
+    hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
+    if not free or prod(map(len, hosts)) > MOST_PLACEMENTS:
+        return configuration
+    left = survivors(spec, now)
+    found = []
+    for number, pes in enumerate(islice(product(*hosts), MOST_PLACEMENTS)):
+        moved = {name: replace(configuration.modules[name], pe=pe) for name, pe in zip(free, pes, strict=True)}
+        placed = Configuration({**configuration.modules, **moved})
+        found.append((sum(bus_loads_mbit_per_s(spec, hops(left, placed)).values()), number, placed))
+    found.sort(key=lambda one: one[:2])
+    return next((placed for _, _, placed in found if not verify(spec, now, placed)), found[0][2])

@@ -1,0 +1,59 @@
+"""The script that leads from one graph to another one: what goes, what comes, and how it is wired.
+
+Leaves that differ, in ports or image, are deleted and created again. The script leads to the leaves and edges of the
+new graph where the old one's space has the new one's leaves as they are, created names are NAMEs of a script, and no
+new edge lies inside a leaf; else its own errors tell (204, 101, 208). Composites are not told.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from heronry_pcs.graph import Edge, Graph, PcsError, inside
+from heronry_pcs.predicates import need
+from heronry_pcs.script_syntax import NAME
+
+
+def difference(old: Graph, new: Graph) -> str:
+    """Write the script; raises PcsError `needs:P` where a graph is not one of leaves and whole."""
+    for graph in (old, new):
+        _check(graph)
+    receiver = _receiver(old, new)
+    before, after = _leaf_members(old), _leaf_members(new)
+    kept = {name for name in before & after if old.leaves[name] == new.leaves[name]}
+    created = sorted(after - kept)
+    staying = inside(old.edges, frozenset(vertex for name in kept for vertex in old.leaves[name].vertices()))
+    lines = [
+        *(f"define {name};" for name in created),
+        *(f"{receiver}.DeleteComponent ( {_name(name)} );" for name in sorted(before - kept)),
+        *([f"{receiver}.PruneEdges ();"] if staying != old.edges else []),
+        *_edges(f"{receiver}.DeleteEdge", staying - new.edges),
+        *(f'{name} = {receiver}.CreateComponent ( "{new.leaves[name].image}" );' for name in created),
+        *_edges(f"{receiver}.CreateEdge", new.edges - staying),
+    ]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _check(graph: Graph) -> None:
+    need(graph, "component_graph", "whole", "edge_contained")
+    if graph.vertices != frozenset(v for name in _leaf_members(graph) for v in graph.leaves[name].vertices()):
+        raise PcsError("needs:leaves")
+
+
+def _leaf_members(graph: Graph) -> set[str]:
+    return {name for name in graph.own.components if name in graph.leaves}
+
+
+def _receiver(old: Graph, new: Graph) -> str:
+    taken = {*old.leaves, *old.composites, *new.leaves, *new.composites}
+    receiver = "G"
+    while receiver in taken:
+        receiver += "_"
+    return receiver
+
+
+def _name(name: str) -> str:
+    return name if NAME.fullmatch(name) else f'"{name}"'
+
+
+def _edges(operation: str, edges: Iterable[Edge]) -> Iterator[str]:
+    for start, end in sorted(edges):
+        yield f'{operation} ( "{start}", "{end}" );'

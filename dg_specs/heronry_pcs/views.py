@@ -1,0 +1,121 @@
+"""Views: the same system in more or less detail, by contraction and expansion.
+
+A *model* is a component graph that is whole and nested. A *view* of it is a set of members that share no vertex and
+have all vertices together. Each is seen closed, as (its vertices, {}, {}), and the edges of the view are those that no
+member of it holds with both ends. Predicates may be asked of a view; loops are always assessed in the model.
+
+Contraction replaces the members of a view that are inside a component by that component; with `parts` it first makes a
+new composite of them. Expansion replaces a component by the largest components in it. The model changes only where a
+composite is made, and its vertices and edges never do. Contraction keeps all predicates but cycle_bound, which it may
+make true; expansion all but component_connected (so configuration) and cycle_bound.
+
+Source: the paper, sections 2.1 and 2.2 (Figures 3 to 5). The expansion of its Figure 3 adds variables that no component
+had; here a view adds nothing.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+from heronry_pcs.graph import Graph, Part, PcsError, inside
+from heronry_pcs.predicates import is_nested, need
+
+View = frozenset[str]
+
+
+def check_view(model: Graph, view: Collection[str]) -> None:
+    """Raise PcsError where the graph is no model, or the members are no view of it."""
+    need(model, "component_graph", "whole", "nested")
+    for name in sorted(view):
+        if name not in model.members:
+            raise PcsError(f"unknown:{name}")
+    vertices = _vertices(model, view)
+    if sum(len(model.members[name].vertices) for name in view) != len(vertices) or vertices != model.vertices:
+        raise PcsError("view")
+
+
+def view_graph(model: Graph, view: Collection[str]) -> Graph:
+    """Give a view as a graph of its own, its members closed; raises PcsError as `check_view`."""
+    check_view(model, view)
+    of = {vertex: name for name in view for vertex in model.members[name].vertices}
+    return Graph(
+        name=model.name,
+        leaves=model.leaves,
+        composites={name: Part(model.members[name].vertices) for name in sorted(view) if name not in model.leaves},
+        own=Part(
+            vertices=model.vertices,
+            edges=frozenset(
+                (start, end) for start, end in model.edges if start not in of or end not in of or of[start] != of[end]
+            ),
+            components=frozenset(view),
+        ),
+    )
+
+
+def contract(
+    model: Graph, view: Collection[str], name: str, parts: Collection[str] | None = None
+) -> tuple[Graph, View]:
+    """Contract what is inside a component of the model to it; with `parts`, make that component of them first.
+
+    Raises PcsError: as `check_view`; with parts `view`, `clash:K`, `needs:nested`; then `unknown:K`, `contracted`.
+    """
+    check_view(model, view)
+    if parts is not None:
+        model = _with_composite(model, frozenset(view), name, frozenset(parts))
+    if name not in model.members:
+        raise PcsError(f"unknown:{name}")
+    component = model.members[name]
+    replaced = frozenset(view) & component.components
+    if name in view or _vertices(model, replaced) != component.vertices:
+        raise PcsError("contracted")
+    return model, frozenset(view) - replaced | {name}
+
+
+def _with_composite(model: Graph, view: View, name: str, parts: View) -> Graph:
+    if not parts or not parts <= view:
+        raise PcsError("view")
+    if name in model.leaves or name in model.composites:
+        raise PcsError(f"clash:{name}")
+    vertices = _vertices(model, parts)
+    made = Part(
+        vertices=vertices,
+        edges=inside(model.edges, vertices),
+        components=parts.union(*(model.members[part].components for part in parts)),
+    )
+    composites = {
+        one: _joined_by(part, name, made) if one in model.members and parts <= part.components else part
+        for one, part in model.composites.items()
+    }
+    changed = replace(
+        model,
+        composites={**composites, name: made},
+        own=replace(model.own, components=model.own.components | {name}),
+    )
+    if not is_nested(changed):
+        raise PcsError("needs:nested")
+    return changed
+
+
+def _joined_by(part: Part, name: str, made: Part) -> Part:
+    return replace(part, edges=part.edges | made.edges, components=part.components | {name})
+
+
+def expand(model: Graph, view: Collection[str], name: str) -> tuple[Graph, View]:
+    """Replace a member of a view by the largest components in it.
+
+    Raises PcsError: as `check_view`; then `unknown:K`, `leaf`, `uncovered`.
+    """
+    check_view(model, view)
+    if name not in view:
+        raise PcsError(f"unknown:{name}")
+    member = model.members[name]
+    if not member.components:
+        raise PcsError("leaf")
+    inner = frozenset[str]().union(*(model.members[one].components for one in member.components))
+    largest = member.components - inner
+    if _vertices(model, largest) != member.vertices:
+        raise PcsError("uncovered")
+    return model, frozenset(view) - {name} | largest
+
+
+def _vertices(model: Graph, names: Collection[str]) -> frozenset[str]:
+    return frozenset[str]().union(*(model.members[name].vertices for name in names))

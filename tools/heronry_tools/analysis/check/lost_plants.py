@@ -1,0 +1,55 @@
+"""The plants of class A and B that one fault takes off every control path; DG405.
+
+In every phase: a plant counts that the best plan with everything up has on a path. It is lost with an element where the
+contingency plan without the element has it on none. Elements that leave the planner the same choice are planned once.
+"""
+
+from collections.abc import Iterator
+from typing import Final
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_manager.planner.sweep import what_is_left
+from heronry_pcs.loops import loops
+from heronry_pcs.plan_graph import plan_graph
+from heronry_tools.analysis.check.servable import Planning
+from heronry_tools.analysis.check.single_faults import Loss, Lost, device_of, single_elements
+from heronry_tools.analysis.check.wanted import phases
+
+_CLASSES: Final = ("A", "B")
+
+
+def lost_plants(planning: Planning) -> Iterator[Loss]:
+    """Every element with which a plant is lost; no module whose device loses the same."""
+    spec = planning.spec
+    if not any(plant.criticality in _CLASSES for plant in spec.plants.values()):
+        return
+    healthy = {phase: _on_path(spec, planning.healthy(phase).configuration) for phase in phases(spec)}
+    known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
+    lost: dict[str, Lost] = {}
+    for element in single_elements(spec):
+        down = frozenset({element})
+        left = what_is_left(survivors(spec, Situation(down)))
+        if left not in known:
+            gone = {
+                phase: on_path - _on_path(spec, planning.contingency(phase, down).configuration)
+                for phase, on_path in healthy.items()
+                if on_path
+            }
+            by_plant = {name: tuple(phase for phase in gone if name in gone[phase]) for name in spec.plants}
+            known[left] = {name: at for name, at in by_plant.items() if at}
+        lost[element] = known[left]
+        if lost[element] and lost.get(device_of(spec, element)) != lost[element]:
+            yield Loss(element, lost[element])
+
+
+def _on_path(spec: Spec, configuration: Configuration) -> frozenset[str]:
+    """Plants of class A and B that a configuration has on a control path."""
+    graph = plan_graph(spec, configuration)
+    found = loops(graph)
+    return frozenset(
+        plant.name
+        for plant in spec.plants.values()
+        if plant.criticality in _CLASSES and found.control(graph.members[f"plant:{plant.name}"].vertices)
+    )

@@ -1,0 +1,1 @@
+"""What needs a solver to assess a component graph: the longest cycle, and the least cut."""

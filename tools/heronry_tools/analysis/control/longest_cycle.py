@@ -1,0 +1,53 @@
+"""The longest component-cycle of a block, with CP-SAT.
+
+One arc per direction of each pair of neighbors, and a loop at each member that the cycle leaves out, under
+AddCircuit. A pair of arcs there and back is no cycle. The limit is the solver's own count of its work, so that the
+bounds are the same on every machine; where it runs out, least and most differ.
+"""
+
+from typing import Final
+
+from ortools.sat.python.cp_model import FEASIBLE, INFEASIBLE, OPTIMAL, CpModel, CpSolver, CpSolverStatus
+
+from heronry_pcs.cycles import LEAST_CYCLE, Bounds, Touching, bounds_alone
+
+EFFORT: Final = 5.0  # deterministic seconds for one block; blocks of 200 members are proven in less
+MOST_MEMBERS: Final = 400  # of a block that is searched: in a larger one the search finds nothing in that time
+
+
+def longest_cycle(block: Touching, through: frozenset[str], effort: float = EFFORT) -> Bounds:
+    """Search for a longest cycle among those that pass some members; a `Search` of heronry_pcs.cycles.
+
+    A block of more than `MOST_MEMBERS` is not searched.
+    """
+    if len(block) > MOST_MEMBERS:
+        return bounds_alone(block, through)
+    model = CpModel()
+    number = {name: index for index, name in enumerate(block)}
+    arcs = {
+        (number[name], number[other]): model.new_bool_var("") for name, touching in block.items() for other in touching
+    }
+    left_out = {name: model.new_bool_var("") for name in block if name not in through}
+    model.add_circuit(
+        [(start, end, used) for (start, end), used in arcs.items()]
+        + [(number[name], number[name], skipped) for name, skipped in left_out.items()]
+    )
+    for (start, end), used in arcs.items():
+        if start < end:
+            model.add_at_most_one(used, arcs[end, start])
+    model.maximize(len(block) - sum(left_out.values()))
+    solver = CpSolver()
+    solver.parameters.num_workers = 1
+    solver.parameters.random_seed = 0
+    solver.parameters.max_deterministic_time = effort
+    return _bounds(solver, solver.solve(model), bounds_alone(block, through))
+
+
+def _bounds(solver: CpSolver, status: CpSolverStatus, known: Bounds) -> Bounds:
+    least, most = known
+    if status == INFEASIBLE:
+        return 0, 0
+    if status not in (OPTIMAL, FEASIBLE):
+        return known
+    least, most = max(least, round(solver.objective_value)), min(most, round(solver.best_objective_bound))
+    return (least, most) if most >= LEAST_CYCLE else (0, 0)

@@ -1,0 +1,363 @@
+"""`heronry pcs`: component graphs of polymorphic control, assessed, edited, cut, and rewired by scripts.
+
+Exit codes: 0 what was asked for holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
+With --json, what cannot be done is `{"error": ...}` under the name that docs/polymorphic.md gives it.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
+
+if TYPE_CHECKING:
+    from heronry_pcs.assessment import Assessment
+    from heronry_pcs.graph import Edge, Graph
+    from heronry_tools.analysis.control.subject import Subject
+
+_EPILOG = """\
+A FILE is *.pcs.yaml or *.pcs.json, or the name of a shipped graph: g_eav, g_max, g_star. A SPEC is a *.dg.yaml, or a
+shipped spec: its graph is that of its best plan with everything up, or of --plan PLAN.json.
+
+examples:
+  heronry pcs check g_eav --at Kfms,Kc,Km,Kuav --require configuration,cycle_bound
+  heronry pcs check big_blue                                  is every critical plant on a control path?
+  heronry pcs graph elevator_and_chute --level pe             what follows from its best plan
+  heronry pcs graph g_star -o g_star.svg                      a picture; bold: loops through the physical world
+  heronry pcs edit g_eav combine g_max --write both.pcs.json       two systems as one graph
+  heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json
+  heronry pcs script both.pcs.json g_star                     what has to be done to get there
+  heronry pcs cut g_star                                      what the radio carries at least
+"""
+_OPERATIONS = ("cprune", "removal", "addition", "addEdge", "combine", "contract", "expand")
+_EDIT_EPILOG = """\
+operations:
+  cprune                   drop what has no neighbor
+  removal S->T ..          remove edges, and prune
+  addition S->T            add an edge between two members
+  addEdge S->T             add an edge, and the leaf at its end
+  combine FILE2 [S->T]     unite two graphs, joined by an edge
+  contract K               in a view (--at), put K in the place of what is inside it; with --of, make K of these
+  expand K                 in a view (--at), put what is inside K in its place
+An edge has to be in quotes for a shell: 'A.a->B.b'. Without --at, the view is all members.
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry pcs` and its own commands."""
+    parser = subparsers.add_parser(
+        "pcs", description="Assess, edit, cut and rewire component graphs of polymorphic control.", epilog=_EPILOG
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_graph(commands)
+    _add_check(commands)
+    _add_edit(commands)
+    _add_script(commands)
+    _add_apply(commands)
+    cut = _command(commands, "cut", "tell what two sides exchange at least", run_cut)
+    _add_subject(cut)
+
+
+def _command(
+    commands: Any, name: str, does: str, run: Any, *, epilog: str | None = None, forms: Forms = TEXT_OR_JSON
+) -> argparse.ArgumentParser:
+    description = f"{does[0].upper()}{does[1:]}."
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=does, description=description, epilog=epilog)
+    add_output(parser, forms=forms)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_subject(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("subject", metavar="FILE|SPEC", help="a component graph, or a spec")
+    _add_plan(parser)
+
+
+def _add_plan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--plan", metavar="PLAN.json", help="the plan of a spec (- for standard input; default: best)")
+
+
+def _add_write(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--write", metavar="FILE", type=Path, help="write the graph that is reached, as *.pcs.json")
+
+
+def _add_view(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--at", metavar="K,..", type=_names, help="the members of a view")
+
+
+def _add_graph(commands: Any) -> None:
+    does = "derive the component graph of a spec's plan, and print or draw it"
+    parser = _command(commands, "graph", does, run_graph, forms={**TEXT_OR_JSON, "svg": (".svg",)})
+    _add_subject(parser)
+    parser.add_argument(
+        "--level", choices=("module", "pe", "side"), default="module", help="what is seen closed (default: module)"
+    )
+
+
+def _add_check(commands: Any) -> None:
+    parser = _command(commands, "check", "assess a component graph", run_check)
+    _add_subject(parser)
+    _add_view(parser)
+    parser.add_argument(
+        "--require",
+        metavar="P,..",
+        type=_names,
+        help="what has to hold for exit code 0 (default: configuration; of a spec: on_path of plants of class A and B)",
+    )
+    parser.add_argument("--path", metavar="K,..", type=_names, help="is there a control path of these members?")
+
+
+def _add_edit(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "edit",
+        "apply an operation to a component graph",
+        run_edit,
+        epilog=_EDIT_EPILOG,
+    )
+    parser.add_argument("subject", metavar="FILE", help="a component graph")
+    parser.add_argument("operation", choices=_OPERATIONS, metavar="OPERATION", help=", ".join(_OPERATIONS))
+    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member")
+    _add_view(parser)
+    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: members to make the new one of")
+    _add_write(parser)
+
+
+def _add_script(commands: Any) -> None:
+    parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
+    parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
+    parser.add_argument("new", metavar="NEW", help="the one to get to")
+    parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, where it is not a shipped one")
+
+
+def _add_apply(commands: Any) -> None:
+    parser = _command(commands, "apply", "try a reconfiguration script on a graph, or on a plan", run_apply)
+    parser.add_argument("script", metavar="SCRIPT", help="a *.pcs.script file (- for standard input)")
+    _add_subject(parser)
+    _add_write(parser)
+
+
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise argparse.ArgumentTypeError("write names with commas between them, as A,B")
+    return names
+
+
+def run_graph(arguments: argparse.Namespace) -> int:
+    """Derive and write a graph; returns the exit code."""
+    from heronry_pcs.graph_files import document  # noqa: PLC0415 - slow to import
+    from heronry_pcs.plan_graph import level_view  # noqa: PLC0415
+    from heronry_pcs.views import view_graph  # noqa: PLC0415
+    from heronry_tools.reports.control import graph_text  # noqa: PLC0415
+    from heronry_tools.reports.render.components import component_picture  # noqa: PLC0415
+    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415
+
+    subject = _subject(arguments)
+    if subject.planned is None and arguments.level != "module":
+        raise UserError(f"{arguments.subject} is a graph, without PEs: --level is for specs")
+    graph = subject.graph
+    if arguments.level != "module":
+        graph = view_graph(graph, level_view(graph, arguments.level))
+    if arguments.format == "svg":
+        sys.stdout.write(svg(component_picture(graph, subject.graph), "Component graph"))
+    else:
+        _say(arguments, document(graph), graph_text(graph))
+    return 0
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Assess a graph; returns 0 if all that is required holds, 1 if not."""
+    from heronry_pcs.graph import PcsError  # noqa: PLC0415
+    from heronry_tools.reports.control import assessment_text  # noqa: PLC0415
+
+    subject = _subject(arguments)
+    required = _required(arguments, subject)
+    try:
+        assessed = _assessed(subject.graph, arguments.at, arguments.path)
+    except PcsError as error:
+        return _refused(error, arguments)
+    plants = subject.critical_plants()
+    missing = [name for name in required if not assessed.holds(name, plants)]
+    _say(arguments, assessed.document, assessment_text(assessed, missing))
+    return int(bool(missing))
+
+
+def _required(arguments: argparse.Namespace, subject: "Subject") -> Sequence[str]:
+    from heronry_pcs.predicates import PREDICATES  # noqa: PLC0415
+
+    if arguments.require is None:
+        return ("configuration",) if subject.planned is None else ("on_path",)
+    known = (*PREDICATES, "cycle_bound", "control_path", "on_path")
+    for name in arguments.require:
+        if name not in known:
+            raise UserError(f"--require: there is no '{name}'; there is {', '.join(known)}")
+    if "control_path" in arguments.require and arguments.path is None:
+        raise UserError("--require control_path needs --path: the members that one loop is to join")
+    required: list[str] = arguments.require
+    return required
+
+
+def run_edit(arguments: argparse.Namespace) -> int:
+    """Apply an operation and write the result; returns the exit code."""
+    from heronry_pcs.graph import PcsError  # noqa: PLC0415
+    from heronry_pcs.graph_files import document  # noqa: PLC0415
+    from heronry_tools.reports.control import assessment_text, graph_text  # noqa: PLC0415
+
+    try:
+        graph, view = _edited(_subject(arguments).graph, arguments)
+        assessed = _assessed(graph, view)
+    except PcsError as error:
+        return _refused(error, arguments)
+    if arguments.write is not None:
+        _save(graph, arguments.write)
+    result = {"graph": document(graph), "check": assessed.document}
+    _say(arguments, result, graph_text(graph) + assessment_text(assessed, ()))
+    return 0
+
+
+def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
+    """The graph that an operation gives, and the view that it leaves, if it is about one."""
+    from heronry_pcs import operations, views  # noqa: PLC0415
+
+    given: list[str] = arguments.arguments
+    view = arguments.at if arguments.at is not None else list(graph.members)
+    match arguments.operation, given:
+        case "cprune", []:
+            return operations.cprune(graph), None
+        case "removal", [_, *_]:
+            return operations.removal(graph, [_edge(text) for text in given]), None
+        case "addition", [edge]:
+            return operations.addition(graph, _edge(edge)), None
+        case "addEdge", [edge]:
+            return operations.add_edge(graph, _edge(edge)), None
+        case "combine", [file, *rest] if len(rest) <= 1:
+            edge_between = _edge(rest[0]) if rest else None
+            return operations.combine(graph, _load(file).graph, edge_between), None
+        case "contract", [name]:
+            changed, left = views.contract(graph, view, name, arguments.of)
+            return changed, sorted(left)
+        case "expand", [name]:
+            changed, left = views.expand(graph, view, name)
+            return changed, sorted(left)
+    raise UserError(f"{arguments.operation} takes other arguments; see heronry pcs edit --help")
+
+
+def _edge(text: str) -> "Edge":
+    from heronry_pcs.names import EDGE_HINT, edge_of  # noqa: PLC0415
+
+    edge = edge_of(text)
+    if edge is None:
+        raise UserError(f"'{text}' is no edge; {EDGE_HINT}")
+    return edge
+
+
+def run_script(arguments: argparse.Namespace) -> int:
+    """Write the difference of two graphs or plans; returns the exit code."""
+    from heronry_pcs.graph import PcsError  # noqa: PLC0415
+    from heronry_pcs.script_difference import difference  # noqa: PLC0415
+
+    old, new = (_compared(text, arguments.spec) for text in (arguments.old, arguments.new))
+    try:
+        text = difference(old, new)
+    except PcsError as error:
+        return _refused(error, arguments)
+    _say(arguments, {"script": text}, text)
+    return 0
+
+
+def _compared(text: str, spec: str | None) -> "Graph":
+    from heronry_pcs.plan_script import module_graph  # noqa: PLC0415
+    from heronry_tools.analysis.control.subject import graph_path, load_planned, shipped_spec_of  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+
+    if graph_path(text) is not None:
+        return _load(text).graph
+    of_plan = load_spec(spec) if spec is not None else shipped_spec_of(read_text(text))
+    if of_plan is None:
+        raise UserError(f"{text} is no component graph, and no plan of a shipped spec; write --spec SPEC")
+    planned = load_planned(of_plan, text)
+    return module_graph(planned.spec, planned.configuration)
+
+
+def run_apply(arguments: argparse.Namespace) -> int:
+    """Try a script; returns 0 if it has no error, 1 if it has."""
+    from heronry_pcs.graph_files import document  # noqa: PLC0415
+    from heronry_tools.analysis.control.trial import try_script  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
+    from heronry_tools.reports.control import errors_text, graph_text, trial_text  # noqa: PLC0415
+
+    trial = try_script(read_text(arguments.script), _subject(arguments))
+    if arguments.write is not None and not trial.errors:
+        _save(trial.after, arguments.write)
+    result = {
+        "statements": trial.statements,
+        "errors": [
+            {"line": one.line, "column": one.column, "code": one.code, "sentence": one.sentence} for one in trial.errors
+        ],
+        "before": document(trial.before),
+        "after": document(trial.after),
+        **({"violations": list(trial.violations)} if trial.violations is not None else {}),
+    }
+    said = errors_text(arguments.script, trial.errors) if trial.errors else graph_text(trial.after)
+    _say(arguments, result, said + trial_text(trial.statements, len(trial.errors), trial.violations or ()))
+    return int(bool(trial.errors))
+
+
+def run_cut(arguments: argparse.Namespace) -> int:
+    """Find a least cut; returns the exit code."""
+    from heronry_pcs.graph import PcsError  # noqa: PLC0415
+    from heronry_tools.analysis.control.cut import least_cut  # noqa: PLC0415
+    from heronry_tools.reports.control import cut_text  # noqa: PLC0415
+
+    subject = _subject(arguments)
+    try:
+        cut = least_cut(subject.graph, subject.first_side())
+    except PcsError as error:
+        return _refused(error, arguments)
+    _say(arguments, {"mbit_per_s": cut.mbit_per_s, "sides": cut.sides}, cut_text(cut.mbit_per_s, cut.sides))
+    return 0
+
+
+def _subject(arguments: argparse.Namespace) -> "Subject":
+    return _load(arguments.subject, getattr(arguments, "plan", None))
+
+
+def _load(text: str, plan: str | None = None) -> "Subject":
+    from heronry_tools.analysis.control.subject import load_subject  # noqa: PLC0415
+
+    return load_subject(text, plan)
+
+
+def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str] | None" = None) -> "Assessment":
+    from heronry_pcs.assessment import assess  # noqa: PLC0415
+    from heronry_tools.analysis.control.longest_cycle import longest_cycle  # noqa: PLC0415
+
+    return assess(graph, view, path, longest_cycle)
+
+
+def _refused(error: Exception, arguments: argparse.Namespace) -> int:
+    """Say why something cannot be done."""
+    if arguments.json:
+        print(json.dumps({"error": getattr(error, "error", str(error))}))
+    else:
+        print(f"heronry: {error}", file=sys.stderr)
+    return 1
+
+
+def _save(graph: "Graph", file: Path) -> None:
+    from heronry_pcs.graph_files import JSON_SUFFIX, to_json  # noqa: PLC0415
+    from heronry_tools.console.whole_file import write_whole  # noqa: PLC0415
+
+    if not file.name.endswith(JSON_SUFFIX):
+        raise UserError(f"{file}: the file of a graph that a program writes ends in {JSON_SUFFIX}")
+    write_whole(file, to_json(graph).encode())
+
+
+def _say(arguments: argparse.Namespace, result: Any, text: str) -> None:
+    sys.stdout.write(json.dumps(result, indent=1, ensure_ascii=False) + "\n" if arguments.json else text)

@@ -1,0 +1,90 @@
+"""Component graphs, their assessment, cuts and scripts in words, for a terminal."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from heronry_pcs.assessment import NOT_SUFFICIENT, Assessment
+from heronry_pcs.graph import Graph
+from heronry_pcs.predicates import PREDICATES
+from heronry_pcs.script_syntax import ScriptError
+
+_MOST_LISTED = 6
+
+
+def graph_text(graph: Graph) -> str:
+    """What a graph consists of: its members, and its edges."""
+    lines = [f"{graph.name}: {len(graph.members)} members, {len(graph.vertices)} vertices, {len(graph.edges)} edges"]
+    for name, member in graph.members.items():
+        if name in graph.leaves:
+            leaf = graph.leaves[name]
+            facts = [f"image {leaf.image}"] if leaf.image != name else []
+            facts += ["plant"] if leaf.plant else [f"pinned to {leaf.side}"] if leaf.side is not None else []
+            lines.append(f"  {name}" + (f" ({', '.join(facts)})" if facts else ""))
+        else:
+            lines.append(f"  {name}: {_listed(sorted(member.components)) or 'closed'}")
+    lines += [f"  {start} -> {end}" for start, end in sorted(graph.edges)]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def assessment_text(assessed: Assessment, missing: Sequence[str]) -> str:
+    """A assessment in words; `missing`: what is required and does not hold."""
+    document = assessed.document
+    lines = [f"{name.replace('_', ' ')}: {_truth(document[name])}" for name in PREDICATES]
+    lines += [f"  {name} is no component: {', '.join(broken)}" for name, broken in document["broken"].items()]
+    lines += [f"cycle bound: {_truth(document['cycle_bound'])}", f"longest cycle: {_cycle(*document['longest_cycle'])}"]
+    if "control_path" in document:
+        lines.append(f"control path: {_truth(document['control_path'])}")
+    lines += _paths(document["components"])
+    lines += [f"required, and not so: {name}" for name in missing]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _paths(components: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    for name, facts in components.items():
+        if "on_path" in facts:
+            yield f"plant {name}: {'on a control path' if facts['on_path'] else 'open, on no control path'}"
+    looped = [name for name, facts in components.items() if facts["on_loop"]]
+    yield f"on a loop: {_listed(looped) or 'none'}"
+    for condition in ("controllable", "observable"):
+        excluded = [name for name, facts in components.items() if facts[condition] == "excluded"]
+        yield f"not {condition}: {_listed(excluded) or 'none excluded'} ({NOT_SUFFICIENT})"
+
+
+def _truth(value: bool | None) -> str:
+    return "open" if value is None else "yes" if value else "no"
+
+
+def _cycle(least: int, most: int) -> str:
+    if most == 0:
+        return "none"
+    return f"{least} members" if least == most else f"{least} to {most} members"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - _MOST_LISTED
+    return ", ".join(names) if more <= 0 else f"{', '.join(names[:_MOST_LISTED])} and {more} more"
+
+
+def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
+    """A cut in words: what crosses, and what is where."""
+    lines = [f"at least {mbit_per_s // 1000}.{mbit_per_s % 1000:03} bit/s cross"]
+    lines += [f"  {side}: {', '.join(leaves)}" for side, leaves in sides.items()]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
+    """Errors of a script as a compiler writes them."""
+    return "".join(
+        f"{file}:{error.line}:{error.column}: {error.code}: {error.sentence}\n"
+        if error.column
+        else f"{file}:{error.line}: {error.code}: {error.sentence}\n"
+        for error in errors
+    )
+
+
+def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
+    """What became of a script, in a sentence, and why its result is not legal."""
+    if errors:
+        return f"{statements} statements read, {errors} errors: nothing is done\n"
+    illegal = "".join(f"not legal: {violation}\n" for violation in violations)
+    return f"{statements} statements done\n{illegal}"
