@@ -340,7 +340,7 @@ def table(tmp_path: Path) -> str:
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
         (
             ["-i", "softbus", "-c", "/no/such.sock"],
-            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+            "start one with: heronry softbus /no/such.sock",
         ),
         (["-i", "softbus"], "channel"),
         (["--bus", "radio=softbus:/no/such.sock"], "tail_pe has no such bus; it has can0"),
@@ -392,7 +392,7 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
         (
             ["-i", "softbus", "-c", "/no/such.sock"],
-            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+            "start one with: heronry softbus /no/such.sock",
         ),
         ([], "no bus is named: give -i INTERFACE and -c CHANNEL"),
     ],

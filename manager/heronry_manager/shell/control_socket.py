@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import IO, Self
 
 from heronry_manager.core.vocabulary import OperatorSaid, Reply
-from heronry_manager.shell.control_place import ControlError, checked_length, owned_folder
+from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder
 from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, answer_line, read_order
 
 MOST_CALLERS = 16
@@ -33,7 +33,7 @@ class ControlSocket:
     def __init__(self, path: Path) -> None:
         """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""
         self.path = checked_length(path)
-        self._lock = _locked(owned_folder(path.parent) / f"{path.name}.lock")
+        self._lock = _locked(listening_folder(path) / f"{path.name}.lock")
         self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
