@@ -35,7 +35,7 @@ def listening_folder(path: Path) -> Path:
 def found_sockets() -> list[Path]:
     """List the sockets of managers in this user's folder; raises ControlError if the folder is another user's."""
     try:
-        return sorted(trusted_folder(runtime_folder()).glob("*.sock"))
+        return sorted(trusted_folder(runtime_folder()).glob("*.sock"), key=lambda path: path.stem)
     except RuntimeFolderError as error:
         raise ControlError(f"{error}: name the manager's socket with --socket") from error
 

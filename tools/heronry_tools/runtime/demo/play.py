@@ -2,9 +2,11 @@
 
 import argparse
 import shutil
+import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 
+from heronry_manager.core.events import event
 from heronry_tools.analysis.made_ahead import contingencies_of
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
@@ -13,6 +15,7 @@ from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.demo import DEFAULT_SECONDS
 from heronry_tools.runtime.demo.buses import BusChoice, choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.demo.manager_name import manager_name
 from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
 from heronry_wire import interruption
@@ -44,9 +47,15 @@ def play(arguments: argparse.Namespace) -> int:
         made = contingencies_of(spec, arguments.contingencies, lambda: _try_buses(choices))
         file = spec_path(arguments.spec)
         stack.enter_context(interruption.in_order())  # each process is told to stop, which takes some hundred ms
-        fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
+        called = stack.enter_context(manager_name(spec.name))
+        fleet = stack.enter_context(
+            Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s, called=called)
+        )
         fleet.start_buses(choices)
-        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(actions, seconds, record)
+        tell = print_event if arguments.json else screen(spec)
+        flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
+        tell(event("orders", time.monotonic_ns(), flags=flags))
+        return Show(spec, fleet, choices, tell).run(actions, seconds, record)
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
