@@ -2,10 +2,10 @@
 
     $XDG_RUNTIME_DIR/heronry, or /tmp/heronry-UID where this user has no such directory
 
-A manager listens in it as SPEC.sock, and a software bus is NAME.bus. Whoever can reach these sockets can command the
-aircraft, so a folder of another user, or one that others can write to, is refused by those who listen and by those who
-call: anybody can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable) counts as
-none.
+A manager listens in it as SPEC.sock, and a software bus is NAME.bus. A process that reaches these sockets can command
+the aircraft. So nobody listens in a folder of another user, or in one that others can write to, and nobody calls a
+socket there: anybody can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable)
+counts as none.
 """
 
 import os

@@ -119,23 +119,11 @@ def test_a_folder_that_others_can_write_is_not_searched(place: Path) -> None:
 def test_another_users_process_gets_no_order(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with manager_on(place) as heard:
         monkeypatch.setattr(os, "getuid", lambda: 4711)
-        monkeypatch.setattr(control_client, "_CREDENTIALS", Credentials(815))
+        monkeypatch.setattr(control_client, "user_beyond", lambda _: 815)
         with pytest.raises(ControlError, match=r"is another user's \(815\): it gets no order"):
             call(place, AskStatus())
         monkeypatch.undo()
         assert heard == []
-
-
-class Credentials:
-    """The credentials of a process of this user."""
-
-    size = 12
-
-    def __init__(self, user: int) -> None:
-        self._user = user
-
-    def unpack(self, _: bytes) -> tuple[int, int, int]:
-        return 1, self._user, 1
 
 
 def test_a_second_manager_is_told_which_process_listens_there(place: Path) -> None:

@@ -6,15 +6,13 @@ root, who may use the managers of all users, trusts the path that was named.
 
 import os
 import socket
-import struct
 from pathlib import Path
 
 from heronry_manager.core.vocabulary import Order
-from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets
+from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
 from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
-_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 
 
 def call(path: Path, order: Order) -> Answer:
@@ -72,6 +70,6 @@ def _is_listened_on(path: Path) -> bool:
 
 
 def _expect_own_process(line: socket.socket, path: Path) -> None:
-    user = _CREDENTIALS.unpack(line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))[1]
+    user = user_beyond(line)
     if os.getuid() not in (0, user) and user != 0:
         raise ControlError(f"the process that listens on {path} is another user's ({user}): it gets no order")

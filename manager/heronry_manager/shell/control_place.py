@@ -7,11 +7,14 @@ can reach the socket can command the aircraft.
 """
 
 import os
+import socket
+import struct
 from pathlib import Path
 
 from heronry_wire.errors import HeronryError
 from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
 
+_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 _LONGEST_PATH_BYTES = 107  # of a UNIX-domain socket's address on Linux: 108 with the final zero
 
 
@@ -45,3 +48,9 @@ def checked_length(path: Path) -> Path:
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
         raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter one with --socket")
     return path
+
+
+def user_beyond(connection: socket.socket) -> int:
+    """Give the number of the user whose process is at the other end, as the kernel knows it."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return int(_CREDENTIALS.unpack(credentials)[1])

@@ -14,17 +14,15 @@ import fcntl
 import os
 import select
 import socket
-import struct
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
 from heronry_manager.core.vocabulary import OperatorSaid, Reply
-from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder
+from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder, user_beyond
 from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, answer_line, read_order
 
 MOST_CALLERS = 16
-_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 
 
 class ControlSocket:
@@ -95,8 +93,7 @@ class ControlSocket:
         with contextlib.suppress(OSError):  # the caller may have hung up already
             caller, _ = self._listener.accept()
             caller.setblocking(False)
-            credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            if _CREDENTIALS.unpack(credentials)[1] in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
+            if user_beyond(caller) in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
                 self._callers[caller] = b""
             else:
                 caller.close()

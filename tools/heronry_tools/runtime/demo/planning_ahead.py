@@ -50,7 +50,7 @@ class PlanningAhead:
             "this demo flies without them"
         )
 
-    def news(self) -> str | None:
+    def outcome(self) -> str | None:
         """Say how the process has ended; None while it runs, and when that has been said."""
         if self._process is None or self._process.poll() is None:
             return None
@@ -63,10 +63,10 @@ class PlanningAhead:
 
     def close(self) -> str | None:
         """End the process if it still plans, and say how far it came; None where that has been said."""
-        news = self.news()
+        outcome = self.outcome()
         process, self._process = self._process, None
         if process is None:
-            return news
+            return outcome
         process.kill()  # its worker processes end with it
         process.communicate()
         if kept_contingencies(self._spec) is not None:  # the process was about to end

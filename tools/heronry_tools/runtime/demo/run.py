@@ -172,7 +172,7 @@ class Show:
 
     def _look(self) -> None:
         now_ns = time.monotonic_ns()
-        self._tell_plans(None if self._behind is None else self._behind.news())
+        self._tell_plans(None if self._behind is None else self._behind.outcome())
         for outage in self._witness.outages(now_ns):
             over = outage.to_ns is not None
             lasts = now_ns - outage.from_ns >= LONG_SILENCE_NS
