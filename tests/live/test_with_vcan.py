@@ -93,8 +93,8 @@ def test_on_a_terminal_a_shell_can_be_typed_to() -> None:
         assert process.wait(60) == 7
         assert termios.tcgetattr(terminal) == before
     finally:
-        process.kill()
-        process.wait()
+        process.terminate()
+        process.wait(60)
         os.close(master)
         os.close(terminal)
 
