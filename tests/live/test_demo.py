@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
 from heronry_manager.planner.exact import plan
+from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
 from thoroughness import mostly_soak
@@ -24,6 +26,7 @@ pytestmark = pytest.mark.live
 BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
 PES = list(load(BIG_BLUE).pes)
 TRIPLEX = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that a slow computer keeps up with it
+PATIENCE_S = 200
 HERONRY = [sys.executable, "-m", "heronry_tools"]
 
 
@@ -63,10 +66,16 @@ def nothing_left(home: Path) -> Iterator[None]:
     assert list(home.glob("heronry-demo-*")) == []
 
 
+@pytest.fixture(scope="session")
+def planned_ahead() -> None:
+    """The plans for every single fault of big_blue, made before the flight."""
+    contingencies_of(load(BIG_BLUE), Ahead.SINGLE_FAULTS)
+
+
 @pytest.mark.timing
 @pytest.mark.parametrize("pe", mostly_soak(PES, ["flight", "tail_b"]))
 def test_after_the_kill_of_any_pe_what_a_plan_can_serve_is_heard_on_the_bus(
-    pe: str, tmp_path: Path, nothing_left: None
+    pe: str, tmp_path: Path, planned_ahead: None, nothing_left: None
 ) -> None:
     log = tmp_path / "flight.log"
     ran = demo("--kill", f"pe:{pe}@1", "--for", "3", "--json", "--record", str(log))
@@ -135,6 +144,31 @@ def test_the_story_names_the_kill_the_four_times_and_the_return(nothing_left: No
     for expected in ("KILL sensor_pe", "is lost", "detect", "decide", "distribute", "activate", "RESTORE", "joins"):
         assert expected in ran.stdout
     assert "software bus" in ran.stdout
+
+
+def test_on_a_fresh_home_the_first_demo_flies_at_once_and_a_later_one_with_the_plans(
+    home: Path, monkeypatch: pytest.MonkeyPatch, nothing_left: None
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home / "cache"))
+    sentences = plans_told("0.5")
+    assert sentences[0] == (
+        "the 25 plans for every single fault are made meanwhile, when the processor is free; "
+        "this demo flies without them"
+    )
+    assert re.fullmatch(r"\d+ of 25 plans for single faults are made and kept: the next demo continues", sentences[1])
+    until_s = time.monotonic() + PATIENCE_S
+    while not sentences[-1].endswith("are complete: the next demo uses them"):
+        assert time.monotonic() < until_s, sentences
+        sentences = plans_told("6")
+    assert plans_told("0.5", "--kill", "pe:tail_pe@0.1") == []
+
+
+def plans_told(seconds: str, *more: str) -> list[str]:
+    """What a demo tells of plans made ahead; its manager asks for no plan before the flight."""
+    ran = demo("elevator_and_chute", "--for", seconds, "--json", *more)
+    assert ran.returncode == 0, ran.stderr
+    assert "planning" not in ran.stderr
+    return [one["sentence"] for one in events_of(ran.stdout) if one["event"] == "planned_ahead"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

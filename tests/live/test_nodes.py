@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, Self
@@ -21,6 +21,7 @@ import canopen
 import pytest
 
 from heronry_dg.loader import load
+from heronry_tools.cli import main
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.frame import Frame
@@ -107,11 +108,11 @@ class Aircraft:
         self._started: list[Process] = []
         self._managers = count()
 
-    def start_manager(self, *more: str) -> Process:
+    def start_manager(self, *more: str, program: Sequence[str] = MANAGER) -> Process:
         arguments = [str(self.spec_file), *self.bus_flags, "--contingencies", "none", "--json", "--until-eof"]
         own_socket = self.folder / f"manager-{next(self._managers)}.sock"  # two of them are no rivals for that
         arguments += ["--socket", str(own_socket)]
-        return self._start(*MANAGER, *arguments, "--state-dir", str(self.folder / "state"), *more)
+        return self._start(*program, *arguments, "--state-dir", str(self.folder / "state"), *more)
 
     def start_agents(self) -> list[Process]:
         return [
@@ -340,7 +341,7 @@ def table(tmp_path: Path) -> str:
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
         (
             ["-i", "softbus", "-c", "/no/such.sock"],
-            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+            "start one with: heronry softbus /no/such.sock",
         ),
         (["-i", "softbus"], "channel"),
         (["--bus", "radio=softbus:/no/such.sock"], "tail_pe has no such bus; it has can0"),
@@ -392,7 +393,7 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
         (
             ["-i", "softbus", "-c", "/no/such.sock"],
-            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+            "start one with: heronry softbus /no/such.sock",
         ),
         ([], "no bus is named: give -i INTERFACE and -c CHANNEL"),
     ],
@@ -401,6 +402,24 @@ def test_a_manager_without_its_bus(tmp_path: Path, arguments: list[str], says: s
     sentence = complaint(*MANAGER, str(SPEC_FILE), *arguments, "--state-dir", str(tmp_path))
     assert sentence.startswith("heronry: ")
     assert says in sentence
+
+
+WAITING_ENDS_IT = """
+import sys
+from heronry_manager.planner.client import PlannerClient
+from heronry_tools.cli import main
+
+PlannerClient.wait_until_ready = lambda _: sys.exit("it waits for its planner")
+sys.exit(main(["manager", *sys.argv[1:]]))
+"""
+
+
+def test_a_manager_with_plans_made_ahead_does_not_wait_for_its_planner(aircraft: Aircraft) -> None:
+    program = [sys.executable, "-c", WAITING_ENDS_IT]
+    assert aircraft.start_manager(program=program).end() == (1, ["it waits for its planner"])
+    made = str(aircraft.folder / "made")
+    assert main(["contingencies", str(SPEC_FILE), "--faults", "0", "-o", made, "--jobs", "1"]) == 0
+    aircraft.start_manager("--contingencies", made, program=program).event("manager_started")
 
 
 def test_a_manager_that_cannot_keep_its_term(aircraft: Aircraft) -> None:

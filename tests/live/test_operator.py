@@ -4,11 +4,13 @@ refused."""
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 
 pytestmark = pytest.mark.live
@@ -45,6 +47,7 @@ class Demo:
     def __init__(self, spec: Path) -> None:
         command = [*HERONRY, "demo", str(spec), "--kill", "pe:sensor_pe@600", "--json"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.flags = self.until("orders")["flags"].split()
 
     def until(self, kind: str, **fields: Any) -> dict[str, Any]:
         """Wait for an event."""
@@ -56,8 +59,7 @@ class Demo:
         raise AssertionError(kind)
 
     def say(self, *order: str) -> subprocess.CompletedProcess[str]:
-        (folder,) = Path("/tmp").glob(f"heronry-demo-{self.process.pid}-*")
-        return heronry(order[0], *order[1:], "--socket", str(folder / "manager-126.sock"))
+        return heronry(order[0], *order[1:], *self.flags)
 
     def status(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(self.say("status", "--json").stdout)
@@ -90,6 +92,24 @@ def test_an_operator_at_work(spec: Path) -> None:
         assert demo.say("phase", "lnd").stderr.startswith("heronry: no phase is named 'lnd'; did you mean 'land'?")
     finally:
         demo.end()
+
+
+def test_the_demo_is_found_by_its_name_and_of_two_each(spec: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp") as runtime:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        first, second = Demo(spec), Demo(spec)
+        try:
+            name = load(spec).name
+            assert (first.flags, second.flags) == (["--of", f"{name}-demo"], ["--of", f"{name}-demo-2"])
+            first.until("reconfigured")
+            second.until("reconfigured")
+            assert f"there are 2 managers: {name}-demo, {name}-demo-2" in heronry("status").stderr
+            second.end()
+            assert json.loads(heronry("status", "--json").stdout)["spec"] == name
+        finally:
+            first.end()
+            second.end()
+        assert list(Path(runtime).glob("heronry/*.sock")) == []
 
 
 def test_where_no_manager_runs_one_sentence_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,13 +3,17 @@
 Where the kernel has no vcan, these tests boot a user-mode Linux once per call, about a second each.
 """
 
+import fcntl
 import json
 import os
+import pty
+import select
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -65,6 +69,47 @@ def test_stdout_and_stderr_stay_apart_and_stdin_is_empty() -> None:
     assert done.stdout == b"to stdout\n"
     assert done.stderr.endswith(b"to stderr\n")
     assert b"to stdout" not in done.stderr
+
+
+def test_on_a_terminal_a_shell_can_be_typed_to() -> None:
+    """The shell has job control: Ctrl-C ends what runs in it, and not the shell."""
+    master, terminal = pty.openpty()
+    shell = [*WITH_VCAN, "bash", "--norc", "--noprofile"]
+    process = subprocess.Popen(
+        shell,
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+        preexec_fn=_take_terminal,  # noqa: PLW1509 - it makes one system call
+    )
+    before = termios.tcgetattr(terminal)
+    try:
+        type_and_see(master, "", b"# ")
+        type_and_see(master, "echo $((6 * 7)) in $(cat /sys/class/net/vcan0/type)\r", b"42 in 280")
+        type_and_see(master, "echo on; sleep 1000\r", b"on\n")
+        type_and_see(master, "\x03", b"# ")
+        type_and_see(master, "[ -t 0 ] && exit 7\r", b"")
+        assert process.wait(60) == 7
+        assert termios.tcgetattr(terminal) == before
+    finally:
+        process.terminate()
+        process.wait(60)
+        os.close(master)
+        os.close(terminal)
+
+
+def _take_terminal() -> None:
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def type_and_see(master: int, text: str, expected: bytes) -> None:
+    """Type on the terminal, and wait until the command has written something."""
+    os.write(master, text.encode())
+    seen = b""
+    while expected not in seen.replace(b"\r", b""):
+        assert select.select([master], [], [], 60)[0], seen
+        seen += os.read(master, 1 << 12)
 
 
 def test_output_to_one_place_keeps_its_order(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from heronry_manager.core.vocabulary import (
 )
 from heronry_manager.shell import control_client
 from heronry_manager.shell.control_client import call, find_socket
-from heronry_manager.shell.control_place import ControlError, default_folder, default_socket
+from heronry_manager.shell.control_place import ControlError, default_socket
 from heronry_manager.shell.control_protocol import Answer, order_line, read_answer, read_order
 from heronry_manager.shell.control_socket import MOST_CALLERS, ControlSocket
 
@@ -90,9 +90,40 @@ def test_the_only_manager_is_found_and_of_two_one_must_be_named(place: Path) -> 
     assert not place.exists()
 
 
-def test_without_a_runtime_folder_the_user_gets_an_own_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
-    assert default_folder().name == f"heronry-{os.getuid()}"
+def left_behind(path: Path) -> Path:
+    """The socket of a manager that was killed."""
+    path.parent.mkdir(exist_ok=True, mode=0o700)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(str(path))
+    return path
+
+
+def test_the_socket_of_a_killed_manager_is_no_manager(place: Path) -> None:
+    left_behind(default_socket("dead"))
+    with pytest.raises(ControlError, match="no manager runs here"):
+        find_socket(None)
+    with ControlSocket(place):
+        assert find_socket(None) == place
+        with pytest.raises(ControlError, match=r"no manager listens on .*dead.sock; running here: big_blue$"):
+            find_socket("dead")
+
+
+def test_a_folder_that_others_can_write_is_not_searched(place: Path) -> None:
+    with ControlSocket(place):
+        place.parent.chmod(0o777)
+        for name in (None, "big_blue"):
+            with pytest.raises(ControlError, match="other users can write to it: name the manager's socket"):
+                find_socket(name)
+
+
+def test_another_users_process_gets_no_order(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with manager_on(place) as heard:
+        monkeypatch.setattr(os, "getuid", lambda: 4711)
+        monkeypatch.setattr(control_client, "user_beyond", lambda _: 815)
+        with pytest.raises(ControlError, match=r"is another user's \(815\): it gets no order"):
+            call(place, AskStatus())
+        monkeypatch.undo()
+        assert heard == []
 
 
 def test_a_second_manager_is_told_which_process_listens_there(place: Path) -> None:
@@ -130,7 +161,7 @@ def test_a_folder_that_others_can_write_and_one_that_cannot_be_made_are_refused(
     with pytest.raises(ControlError, match="other users can write to it"):
         ControlSocket(shared / "a.sock")
     (tmp_path / "file").touch()
-    with pytest.raises(ControlError, match="name a socket with --socket"):
+    with pytest.raises(ControlError, match="name another socket with --socket"):
         ControlSocket(tmp_path / "file" / "a.sock")
 
 

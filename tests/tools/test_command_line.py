@@ -23,6 +23,7 @@ TEACHING = [name for name in COMMANDS if name != HELP]
 ORDERS = ("phase", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
 STREAMS = ("demo", "manager")  # they print until they are ended; a shell's > keeps that
 FORMATS = ("render", "schema", "table", "dbc", "eds")  # what they write is for programs already
+WIRES = ("softbus",)  # it carries frames, and has no answer to anything
 
 
 @pytest.fixture(autouse=True)
@@ -218,8 +219,8 @@ def test_machines_read_json_and_a_file_keeps_what_is_written(name: str) -> None:
     for parser in parsers_of(name):
         options = {option for action in parser._actions for option in action.option_strings}
         shown = {o for a in parser._actions if a.help != argparse.SUPPRESS for o in a.option_strings}
-        assert ("--json" in options) is (name not in FORMATS)
-        assert ("-o" in options) is (name not in (*ORDERS, *STREAMS))
+        assert ("--json" in options) is (name not in (*FORMATS, *WIRES))
+        assert ("-o" in options) is (name not in (*ORDERS, *STREAMS, *WIRES))
         assert shown.isdisjoint({"--output-format", "--docs", "--html", "--junit"}), "older spellings are not shown"
 
 
@@ -234,6 +235,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "check": ["check", "nosuch"],
     "render": ["render", "nosuch"],
     "pcs": ["pcs", "check", "nosuch"],
+    "softbus": ["softbus", "nosuch/can0.sock"],
     "diff": ["diff", "big_blue", "nosuch"],
     "plan": ["plan", "nosuch"],
     "verify": ["verify", "nosuch", "plan.json"],

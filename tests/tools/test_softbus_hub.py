@@ -1,6 +1,7 @@
 """The life of a hub: its place in the file system, its end, and clients that break its protocol."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -42,9 +43,7 @@ def assert_carries_frames(path: Path) -> None:
 
 
 def test_without_a_hub_the_error_says_how_to_start_one(path: Path) -> None:
-    with pytest.raises(
-        can.CanInitializationError, match=rf"no hub answers there.*python -m heronry_tools\.runtime\.softbus {path}"
-    ):
+    with pytest.raises(can.CanInitializationError, match=rf"no hub answers there.*: heronry softbus {path}$"):
         SoftBus(str(path))
 
 
@@ -118,10 +117,10 @@ def test_an_impossible_place_is_refused_in_a_sentence(tmp_path: Path, place: str
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_hub_that_is_asked_to_end_cleans_up(path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "heronry_tools.runtime.softbus", str(path), "-b", "125000"]
+    command = [sys.executable, "-m", "heronry_tools", "softbus", str(path), "-b", "125000"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        assert process.stdout.readline() == f"softbus {path}: 125000 bit/s\n"
+        assert re.fullmatch(rf"[0-9:.]{{12}} {path}: 125000 bit/s; .*\n", process.stdout.readline())
         with SoftBus(str(path), bitrate=125_000):
             process.send_signal(number)
             assert process.wait(PATIENCE_S) == 0
@@ -130,7 +129,7 @@ def test_a_hub_that_is_asked_to_end_cleans_up(path: Path, number: signal.Signals
 
 @pytest.mark.parametrize("bitrate", ["fast", "0", "2000000", "-1"])
 def test_an_odd_bit_rate_is_refused_in_a_sentence(path: Path, bitrate: str) -> None:
-    command = [sys.executable, "-m", "heronry_tools.runtime.softbus", str(path), f"--bitrate={bitrate}"]
+    command = [sys.executable, "-m", "heronry_tools", "softbus", str(path), f"--bitrate={bitrate}"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert "is not a bit rate from 1000 to 1000000 bit/s" in result.stderr
@@ -151,6 +150,40 @@ def test_a_hub_never_outlives_a_starter_that_is_killed(path: Path) -> None:
             with pytest.raises(can.CanOperationError, match="hub is gone"):
                 bus.recv(PATIENCE_S)
     assert not path.exists()
+
+
+def test_a_bus_with_a_name_is_found_by_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(can.CanInitializationError, match=r"^can0: no hub answers there.*: heronry softbus can0$"):
+        SoftBus("can0")
+    command = [sys.executable, "-m", "heronry_tools", "softbus", "--until-eof"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert re.fullmatch(r"[0-9:.]{12} can0: 1000000 bit/s; .* -i softbus -c can0\n", process.stdout.readline())
+        with SoftBus("can0") as sender, SoftBus("can0") as receiver:
+            sender.send(can.Message(arbitration_id=0x123))
+            assert receiver.recv(PATIENCE_S) is not None
+        with pytest.raises(can.CanInitializationError, match=r"heronry softbus radio   \(there is: can0\)$"):
+            SoftBus("radio")
+        assert (tmp_path / "heronry").stat().st_mode & 0o777 == 0o700
+
+
+def test_a_name_is_not_looked_up_in_a_folder_that_others_can_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = tmp_path / "heronry"
+    folder.mkdir()
+    folder.chmod(0o777)
+    with start_hub(folder / "can0.bus"):
+        with pytest.raises(can.CanInitializationError, match="other users can write to it: name the bus by a path"):
+            SoftBus("can0")
+        SoftBus(str(folder / "can0.bus")).shutdown()
+    ran = subprocess.run(
+        [sys.executable, "-m", "heronry_tools", "softbus"], capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert "other users can write to it" in ran.stderr
 
 
 class RawClient:

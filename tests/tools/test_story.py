@@ -397,7 +397,11 @@ def test_a_pipe_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
     show = screen(ELEVATOR)
     for one in flight():
         show(one)
-    assert capsys.readouterr().out == STORY
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[13:] for line in lines] == STORY.splitlines()
+    begins = {line[:13] for line in lines}
+    assert " " * 13 in begins
+    assert all(re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} ", begin) for begin in begins if begin.strip())
 
 
 def test_a_terminal_gets_colour_and_the_same_words() -> None:
@@ -417,7 +421,7 @@ show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_hear
     with os.fdopen(master, "rb", buffering=0) as screen_side:
         seen = screen_side.read(4096).decode()
     assert "\x1b[1;33m" in seen  # bold yellow: a fault
-    assert re.sub(r"\x1b\[[0-9;]*m", "", seen) == "[ start  ] tail_pe is lost: [silent] for 3 periods\r\n"
+    assert re.sub(r"\x1b\[[0-9;]*m", "", seen)[13:] == "[ start  ] tail_pe is lost: [silent] for 3 periods\r\n"
 
 
 def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:

@@ -31,7 +31,7 @@ OTHER_BYTES = {
     "heronry_agent/core/sdo_server.py": "what a transfer carries",
     "heronry_agent/shell/partition_messages.py": "what a partition and its agent say to each other",
     "heronry_manager/contingency/file_format.py": "a file",
-    "heronry_manager/shell/control_socket.py": "who calls (SO_PEERCRED)",
+    "heronry_manager/shell/control_place.py": "who calls (SO_PEERCRED)",
     "heronry_tools/aircraft/plant/noise.py": "a digest, of which noise is made",
     "heronry_dg/yaml_source.py": "a file",
     "heronry_tools/runtime/softbus/port.py": "who calls (SO_PEERCRED)",

@@ -58,6 +58,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("table", "compile the table from which a PE's agent runs"),
         Command("send-table", "send that table over the bus to a PE that waits for it"),
         Command("key", "make the key that proves the frames of manager and PEs"),
+        Command("softbus", "a CAN bus in software, where the kernel has no vcan"),
         Command("doctor", "is this computer fit to fly, and what to type if not"),
     ),
     "fly": (

@@ -58,6 +58,8 @@ KINDS: Mapping[str, str] = {
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
+    "planned_ahead": "sentence: plans for single faults that are made behind a demo, for the next one",
+    "orders": "flags: with these the operator's commands reach the manager of the demo",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",

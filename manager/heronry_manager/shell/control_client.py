@@ -1,22 +1,28 @@
-"""An operator's call to a running manager: one order, one answer."""
+"""An operator's call to a running manager: one order, one answer.
 
+The caller gives no order to a process of another user, since anybody can listen at a path that is not protected; only
+root, who may use the managers of all users, trusts the path that was named.
+"""
+
+import os
 import socket
 from pathlib import Path
 
 from heronry_manager.core.vocabulary import Order
-from heronry_manager.shell.control_place import ControlError, checked_length, default_folder, default_socket
+from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
 from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
 
 def call(path: Path, order: Order) -> Answer:
-    """Give an order to the manager on a socket; raises ControlError if no manager answers."""
+    """Give an order to the manager on a socket; raises ControlError if no manager of this user answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:
             line.connect(str(path))
+            _expect_own_process(line, path)
             line.sendall(order_line(order))
             with line.makefile("rb") as replies:
                 answer = read_answer(replies.readline())
@@ -31,17 +37,39 @@ def call(path: Path, order: Order) -> Answer:
     return answer
 
 
-def find_socket(spec_name: str | None) -> Path:
-    """Give the socket of a spec's manager; without a name, of the only running manager. Raises ControlError."""
-    if spec_name is not None:
-        return default_socket(spec_name)
-    found = sorted(default_folder().glob("*.sock"))
-    if not found:
+def find_socket(name: str | None) -> Path:
+    """Give the socket of the manager of that name; without a name, of the only running manager. Raises ControlError."""
+    running = [path for path in found_sockets() if _is_listened_on(path)]
+    names = ", ".join(path.stem for path in running)
+    if name is not None:
+        path = default_socket(name)
+        if running and path not in running:
+            raise ControlError(f"no manager listens on {path}; running here: {names}")
+        return path
+    if not running:
         raise ControlError(
-            f"no manager runs here: there is no socket in {default_folder()}; start one with 'heronry manager SPEC', "
-            "or name its socket with --socket"
+            f"no manager runs here: none listens in {default_socket('any').parent}; start one with 'heronry manager "
+            "SPEC', or name its socket with --socket"
         )
-    if len(found) > 1:
-        names = ", ".join(file.stem for file in found)
-        raise ControlError(f"there are {len(found)} managers: {names}; say which one with --of NAME")
-    return found[0]
+    if len(running) > 1:
+        raise ControlError(f"there are {len(running)} managers: {names}; say which one with --of NAME")
+    return running[0]
+
+
+def _is_listened_on(path: Path) -> bool:
+    """Tell whether a process listens there: a manager that was killed has left its socket behind."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(PATIENCE_S)
+        try:
+            line.connect(str(path))
+        except TimeoutError:
+            return True
+        except OSError:
+            return False
+    return True
+
+
+def _expect_own_process(line: socket.socket, path: Path) -> None:
+    user = user_beyond(line)
+    if os.getuid() not in (0, user) and user != 0:
+        raise ControlError(f"the process that listens on {path} is another user's ({user}): it gets no order")

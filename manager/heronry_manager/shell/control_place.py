@@ -1,18 +1,20 @@
 """The place of the socket on which a manager of this computer takes orders: one for each spec.
 
-    $XDG_RUNTIME_DIR/heronry/SPEC.sock, or /tmp/heronry-UID/SPEC.sock where there is no XDG_RUNTIME_DIR
+    SPEC.sock in this user's `heronry_wire.runtime_folder`, or the path that --socket names
 
-The folder must belong to this user, and be closed to others; any other folder is refused: a process that can reach the
-socket can command the aircraft.
+The folder of a socket must belong to this user, and be closed to others; any other folder is refused: a process that
+can reach the socket can command the aircraft.
 """
 
 import os
-import stat
-import tempfile
+import socket
+import struct
 from pathlib import Path
 
 from heronry_wire.errors import HeronryError
+from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
 
+_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 _LONGEST_PATH_BYTES = 107  # of a UNIX-domain socket's address on Linux: 108 with the final zero
 
 
@@ -20,28 +22,25 @@ class ControlError(HeronryError):
     """A manager cannot be called, or cannot listen; the message is one sentence with the remedy."""
 
 
-def default_folder() -> Path:
-    """Give the folder of this user's sockets."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    return Path(runtime) / "heronry" if runtime else Path(tempfile.gettempdir()) / f"heronry-{os.getuid()}"
-
-
 def default_socket(spec_name: str) -> Path:
     """Give the socket of a spec's manager."""
-    return default_folder() / f"{spec_name}.sock"
+    return runtime_folder() / f"{spec_name}.sock"
 
 
-def owned_folder(folder: Path) -> Path:
-    """Make a folder that only this user can enter, or check an existing one; raises ControlError."""
+def listening_folder(path: Path) -> Path:
+    """Give the folder of a socket to listen on, made if needed; raises ControlError if it is not this user's alone."""
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-    except OSError as error:
-        raise ControlError(f"{error.filename or folder}: {error.strerror}; name a socket with --socket") from error
-    private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
-    if not private:
-        raise ControlError(f"{folder} is not yours, or other users can write to it: name another socket with --socket")
-    return folder
+        return owned_folder(path.parent)
+    except RuntimeFolderError as error:
+        raise ControlError(f"{error}: name another socket with --socket") from error
+
+
+def found_sockets() -> list[Path]:
+    """List the sockets of managers in this user's folder; raises ControlError if the folder is another user's."""
+    try:
+        return sorted(trusted_folder(runtime_folder()).glob("*.sock"), key=lambda path: path.stem)
+    except RuntimeFolderError as error:
+        raise ControlError(f"{error}: name the manager's socket with --socket") from error
 
 
 def checked_length(path: Path) -> Path:
@@ -49,3 +48,9 @@ def checked_length(path: Path) -> Path:
     if len(os.fsencode(path)) > _LONGEST_PATH_BYTES:
         raise ControlError(f"{path} is longer than {_LONGEST_PATH_BYTES} bytes: name a shorter one with --socket")
     return path
+
+
+def user_beyond(connection: socket.socket) -> int:
+    """Give the number of the user whose process is at the other end, as the kernel knows it."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return int(_CREDENTIALS.unpack(credentials)[1])

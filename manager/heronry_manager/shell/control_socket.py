@@ -14,17 +14,15 @@ import fcntl
 import os
 import select
 import socket
-import struct
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
 from heronry_manager.core.vocabulary import OperatorSaid, Reply
-from heronry_manager.shell.control_place import ControlError, checked_length, owned_folder
+from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder, user_beyond
 from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, answer_line, read_order
 
 MOST_CALLERS = 16
-_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
 
 
 class ControlSocket:
@@ -33,7 +31,7 @@ class ControlSocket:
     def __init__(self, path: Path) -> None:
         """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""
         self.path = checked_length(path)
-        self._lock = _locked(owned_folder(path.parent) / f"{path.name}.lock")
+        self._lock = _locked(listening_folder(path) / f"{path.name}.lock")
         self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
@@ -95,8 +93,7 @@ class ControlSocket:
         with contextlib.suppress(OSError):  # the caller may have hung up already
             caller, _ = self._listener.accept()
             caller.setblocking(False)
-            credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            if _CREDENTIALS.unpack(credentials)[1] in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
+            if user_beyond(caller) in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
                 self._callers[caller] = b""
             else:
                 caller.close()

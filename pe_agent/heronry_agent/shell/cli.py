@@ -25,6 +25,7 @@ from heronry_agent.shell.ports import bus_configs
 from heronry_agent.shell.table_waiting import Waiting, WaitingCore
 from heronry_wire.authentication import Key
 from heronry_wire.bus_arguments import add_bus_arguments, channel_configs, channels_named, flagged_bus
+from heronry_wire.clock_of_day import time_of_day
 from heronry_wire.command_parser import CommandParser, program_version
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
@@ -215,7 +216,7 @@ def _silent(note: Note) -> None:
 
 def _print_note(note: Note) -> None:
     with suppress(OSError):  # a full disk, or a reader that has ended, must not stop the agent
-        print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
+        print(f"{time_of_day()} {note.kind}: {note.text}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ architecture give the same plans, so tables and manager may be made on different
 the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on board, and the
 manager sends the slice. So no PE runs another configuration than the manager means.
 
-The plans are made when they are first needed, and kept in the user's cache under the digests of the spec and of the
-planner, so that a manager that starts again in flight finds them. One process makes them (a lock), and the next one
+The plans are made when they are first needed (a demo flies at once, and makes them behind the flight). They are kept in
+the user's cache under the digests of the spec and of the planner, so that a manager that starts again in flight finds
+them. One process makes them (a lock), and the next one
 continues the work of a killed one (`contingency.journal`). The file is written whole or not at all, and a damaged file
 is made anew. Where the plans cannot be made or kept, a message says so, and the system flies without them.
 """
@@ -30,6 +31,7 @@ from heronry_wire.errors import HeronryError
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_manager.contingency.contingencies import Contingencies
+    from heronry_manager.planner.sweep import Scope
 
 SINGLE_FAULTS_KEPT: Final = "the plans for every single fault, made once and kept in the user's cache"
 _FAULTS: Final = 1
@@ -79,13 +81,47 @@ def contingencies_of(
     return None if source is Ahead.NOTHING else _single_faults(spec, before_making)
 
 
-def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Contingencies | None":
-    try:
-        solver = import_module("ortools").__version__
-    except ModuleNotFoundError:
+def kept_contingencies(spec: "Spec") -> "Contingencies | None":
+    """Give the plans for every single fault if they were made before; None: they were not, or with another solver."""
+    return _kept(spec, _kept_in(spec))
+
+
+def can_plan_ahead() -> bool:
+    """Tell whether there is a solver; if not, say so."""
+    if _solver() is None:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
+        return False
+    return True
+
+
+def questions(spec: "Spec") -> int:
+    """Number of the plans for every single fault."""
+    scope = _scope(spec)
+    return scope.set_count() * len(scope.phases)
+
+
+def found_so_far(spec: "Spec") -> int:
+    """Number of the plans that a run which has not ended, or was killed, has kept."""
+    from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
+
+    with suppress(OSError):
+        lines = partial_of(_kept_in(spec)).read_bytes().count(b"\n")
+        return max(0, lines - 1)  # the first one is no plan
+    return 0
+
+
+def _solver() -> str | None:
+    """Give the version of the solver; None where there is none."""
+    try:
+        return str(import_module("ortools").__version__)
+    except ModuleNotFoundError:
         return None
-    file = _kept_in(spec, solver)
+
+
+def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Contingencies | None":
+    if not can_plan_ahead():
+        return None
+    file = _kept_in(spec)
     kept = _kept(spec, file)
     if kept is not None:
         return kept
@@ -105,9 +141,9 @@ def _say(sentence: str) -> None:
         print(f"heronry: {sentence}", file=sys.stderr)
 
 
-def _kept_in(spec: "Spec", solver: str) -> Path:
+def _kept_in(spec: "Spec") -> Path:
     """Give the file of the plans of a spec; its name has a digest of all that the plans depend on."""
-    digest = digest_of(f"{spec.digest} ortools {solver} {platform.machine()}", _planner())
+    digest = digest_of(f"{spec.digest} ortools {_solver()} {platform.machine()}", _planner())
     return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 
 
@@ -143,14 +179,20 @@ def _made(spec: "Spec", file: Path) -> "Contingencies":
 
 
 def _make(spec: "Spec", file: Path) -> "Contingencies":
-    from heronry_dg.situation import elements  # noqa: PLC0415
-    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
-    from heronry_tools.analysis.campaign.scope import cpus, phases_of  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.scope import cpus  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
-    scope = Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec))
-    questions = scope.set_count() * len(scope.phases)
-    _say(f"planning {spec.name} ahead for every single fault, once ({questions} plans)")
-    with crew(cpus() if questions > _QUESTIONS_FOR_A_CREW else 1) as executor:
-        return sweep_into(file, spec, scope, executor).made
+    count = questions(spec)
+    _say(f"planning {spec.name} ahead for every single fault, once ({count} plans)")
+    with crew(cpus() if count > _QUESTIONS_FOR_A_CREW else 1) as executor:
+        return sweep_into(file, spec, _scope(spec), executor).made
+
+
+def _scope(spec: "Spec") -> "Scope":
+    """Give the fault sets and phases for which is planned ahead."""
+    from heronry_dg.situation import elements  # noqa: PLC0415
+    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415
+
+    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec))

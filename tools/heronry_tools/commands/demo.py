@@ -66,7 +66,11 @@ def add_parsers(subparsers: Any) -> None:
         help="begin so many seconds after take-off: at 90 the balloon is about to be cut, from 240 on it has landed",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
-    add_contingencies_argument(parser, "for the manager and for the tables of the PEs")
+    add_contingencies_argument(
+        parser,
+        "for the manager and for the tables of the PEs",
+        "the plans for every single fault; a demo that finds none makes them behind the flight, for the next one",
+    )
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="the key file from 'heronry key', for the manager and every PE"
     )

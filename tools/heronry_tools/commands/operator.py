@@ -63,7 +63,9 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
-        "--of", metavar="SPEC", help="name of the spec whose manager gets the order (default: the only one)"
+        "--of",
+        metavar="NAME",
+        help="the manager to call: the name of its spec, or SPEC-demo (default: the only one)",
     )
     which.add_argument(
         "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"

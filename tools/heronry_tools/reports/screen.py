@@ -1,4 +1,8 @@
-"""The story on a screen: in colour on a terminal (with rich), in plain lines anywhere else."""
+"""The story on a screen: in colour on a terminal (with rich), in plain lines anywhere else.
+
+Each event's first line begins with the time of day, the clock of the lines of all programs (`clock_of_day`); the story
+itself counts from the first configuration.
+"""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -7,6 +11,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_tools.reports.story import Line, Story, Tone
+from heronry_wire.clock_of_day import time_of_day
 
 _STYLES: Mapping[Tone, str] = {
     "plain": "",
@@ -23,8 +28,10 @@ def screen(spec: Spec) -> Callable[[Mapping[str, Any]], None]:
     story, show = Story(spec), _printer()
 
     def tell(event: Mapping[str, Any]) -> None:
+        begin = f"{time_of_day(event['t_ns'])} "
         for line in story.tell(event):
-            show(line)
+            show(Line(begin + line.text, line.tone))
+            begin = " " * len(begin)
 
     return tell
 

@@ -68,7 +68,7 @@ def mastership(arguments: argparse.Namespace) -> int:
             name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
             planner = stack.enter_context(PlannerClient(spec, file)) if has_solver else None
-            if planner is not None:
+            if planner is not None and made is None:  # else the first plan was made ahead
                 planner.wait_until_ready()
 
             def start_pre_planner() -> PlannerClient:

@@ -60,13 +60,18 @@ def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
     return contingencies(spec, scope, swept.outcomes, safe_modes)
 
 
+def partial_of(file: Path) -> Path:
+    """Give the journal of the run that makes a contingency file."""
+    return file.with_name(f"{file.name}.partial")
+
+
 def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
     """Write the contingency file of a scope; continues from FILE.partial, which a killed run has left.
 
     Raises UserError where the file cannot be written, and JournalError while another run writes it.
     """
     expect_writable(file)
-    with Journal(file.with_name(f"{file.name}.partial"), spec, scope) as journal:
+    with Journal(partial_of(file), spec, scope) as journal:
         if journal.known:
             print(f"heronry: continuing {journal.file}, which has {len(journal.known)} plans", file=sys.stderr)
         try:

@@ -27,7 +27,7 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.file_format import to_bytes
 from heronry_manager.core.vocabulary import AskStatus, Order
 from heronry_manager.shell.control_client import call
-from heronry_manager.shell.control_place import ControlError
+from heronry_manager.shell.control_place import ControlError, default_socket
 from heronry_tools.analysis.made_ahead import Ahead
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.buses import BusChoice
@@ -72,12 +72,14 @@ class Fleet:
         key: Path | None = None,
         *,
         aloft_s: float = 0.0,
+        called: str | None = None,
     ) -> None:
         """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
 
         aloft_s: time in seconds since the take-off of the simulated flight.
+        called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
         """
-        self.folder = folder
+        self.folder, self._called = folder, called
         self._contingency_flags = [
             "--contingencies",
             Ahead.NOTHING.value if made is None else str(folder / "contingencies"),
@@ -124,7 +126,9 @@ class Fleet:
 
     def control_socket(self, node: int = FIRST_MANAGER) -> Path:
         """Path of a manager's control socket."""
-        return self.folder / f"manager-{node}.sock"
+        if self._called is None:
+            return self.folder / f"manager-{node}.sock"
+        return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
         """Node-ID of the active manager, from its status: on a busy computer the standby may have taken over."""
@@ -138,9 +142,11 @@ class Fleet:
 
     def kill_manager(self, node: int | None = None) -> int:
         """Kill a manager, by default the active one, with SIGKILL; returns its process number."""
-        process = self._managers.pop(self.active_manager() if node is None else node)
+        victim = self.active_manager() if node is None else node
+        process = self._managers.pop(victim)
         process.kill()
         process.wait()
+        self.control_socket(victim).unlink(missing_ok=True)
         for stream in (process.stdin, process.stdout):
             if stream is not None:
                 stream.close()
@@ -217,6 +223,8 @@ class Fleet:
             for stream in (process.stdin, process.stdout):
                 if stream is not None:
                     stream.close()
+        for node in self._managers:
+            self.control_socket(node).unlink(missing_ok=True)
         for hub in self._hubs:
             hub.close()
         self._pes, self._managers, self._hubs = {}, {}, []

@@ -2,23 +2,27 @@
 
 import argparse
 import shutil
-from collections.abc import Mapping
+import time
 from contextlib import ExitStack
 
-from heronry_tools.analysis.made_ahead import contingencies_of
+from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.core.events import event
+from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.demo import DEFAULT_SECONDS
-from heronry_tools.runtime.demo.buses import BusChoice, choose
+from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.demo.manager_name import manager_name
+from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
 from heronry_wire import interruption
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
-from heronry_wire.link import Link
 
 _AFTER_LAST_ACTION_S = 5.0
 
@@ -41,12 +45,28 @@ def play(arguments: argparse.Namespace) -> int:
         folder = run_folder()
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
-        made = contingencies_of(spec, arguments.contingencies, lambda: _try_buses(choices))
+        made, behind = _plans_ahead(spec, arguments.spec, arguments.contingencies)
         file = spec_path(arguments.spec)
         stack.enter_context(interruption.in_order())  # each process is told to stop, which takes some hundred ms
-        fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
+        called = stack.enter_context(manager_name(spec.name))
+        fleet = stack.enter_context(
+            Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s, called=called)
+        )
         fleet.start_buses(choices)
-        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(actions, seconds, record)
+        tell = print_event if arguments.json else screen(spec)
+        flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
+        tell(event("orders", time.monotonic_ns(), flags=flags))
+        if behind is not None:
+            stack.enter_context(behind)
+        return Show(spec, fleet, choices, tell, behind).run(actions, seconds, record)
+
+
+def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
+    """Give the plans to fly with; where those for single faults have not been made yet, also what makes them behind."""
+    if source is not Ahead.SINGLE_FAULTS:
+        return contingencies_of(spec, source), None
+    made = kept_contingencies(spec)
+    return made, PlanningAhead(spec, spec_path(text)) if made is None and can_plan_ahead() else None
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
@@ -57,10 +77,3 @@ def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
     if channel is None:
         raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
     return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
-
-
-def _try_buses(choices: Mapping[str, BusChoice]) -> None:
-    """Open and close the buses that exist already; raises LinkError."""
-    for choice in choices.values():
-        for config in () if choice.is_ours else choice.configs():
-            Link(config).close()

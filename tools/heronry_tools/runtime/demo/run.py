@@ -22,6 +22,7 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
@@ -36,10 +37,17 @@ Tell = Callable[[Mapping[str, Any]], None]
 
 
 class Show:
-    """One run of the demo; `tell` gets every event in order."""
+    """One run of the demo; `tell` gets every event in order, and `behind` makes plans for the next run."""
 
-    def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
-        self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
+    def __init__(
+        self,
+        spec: Spec,
+        fleet: Fleet,
+        choices: Mapping[str, BusChoice],
+        tell: Tell,
+        behind: PlanningAhead | None = None,
+    ) -> None:
+        self._spec, self._fleet, self._choices, self._tell, self._behind = spec, fleet, choices, tell, behind
         self._actions: list[DemoAction | PhaseAction] = []
         self._seconds = 0.0
         self._witness = Witness(spec)
@@ -131,6 +139,8 @@ class Show:
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
                     self._actions = self._actions or [*default_actions(self._plan)]
+                    if self._behind is not None:
+                        self._emit("planned_ahead", sentence=self._behind.start())
             case _:
                 pass
 
@@ -162,6 +172,7 @@ class Show:
 
     def _look(self) -> None:
         now_ns = time.monotonic_ns()
+        self._tell_plans(None if self._behind is None else self._behind.outcome())
         for outage in self._witness.outages(now_ns):
             over = outage.to_ns is not None
             lasts = now_ns - outage.from_ns >= LONG_SILENCE_NS
@@ -169,6 +180,10 @@ class Show:
             if (over or lasts) and key not in self._told and self._start_ns is not None:
                 self._told.add(key)
                 self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
+
+    def _tell_plans(self, sentence: str | None) -> None:
+        if sentence is not None:
+            self._emit("planned_ahead", sentence=sentence)
 
     def _unserved(self) -> list[str]:
         """List the functions that the plan serves and the witness does not hear."""
@@ -178,6 +193,7 @@ class Show:
 
     def _summary(self) -> int:
         unserved = self._unserved()
+        self._tell_plans(None if self._behind is None else self._behind.close())
         self._emit(
             "summary",
             served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],

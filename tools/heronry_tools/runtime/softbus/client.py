@@ -1,4 +1,4 @@
-"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=PATH)`.
+"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`, or a path (`place`).
 
 What it decides: nothing; it maps python-can's calls to the two sockets of `protocol.py`.
 
@@ -24,7 +24,8 @@ from contextlib import ExitStack, suppress
 import can
 from can.typechecking import AutoDetectedConfig, CanFilters
 
-from heronry_tools.runtime.softbus.link import Link, deadline_after, how_to_start, read_record
+from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
+from heronry_tools.runtime.softbus.place import DEFAULT_NAME, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
@@ -33,13 +34,14 @@ from heronry_tools.runtime.softbus.protocol import (
     decode_statistics,
 )
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
+from heronry_wire.runtime_folder import RuntimeFolderError
 
 _CONNECT_TIMEOUT_S = 5
 _LINGER_S = 1.0
 
 
 class SoftBus(can.BusABC):
-    """A python-can bus on the hub at `channel`, the path of its UNIX socket.
+    """A python-can bus on the hub at `channel`: the name of the bus, or the path of its UNIX socket.
 
     `bitrate` may be left out; else it must be the hub's. Raises CanInitializationError with a remedy.
     """
@@ -54,7 +56,9 @@ class SoftBus(can.BusABC):
         **kwargs: object,
     ) -> None:
         if not channel:
-            raise can.CanInitializationError("softbus needs a channel: the path of a hub's socket")
+            raise can.CanInitializationError(
+                f"softbus needs a channel, for example -c {DEFAULT_NAME}: the name of a bus, or a path"
+            )
         if fd:
             raise can.CanInitializationError(f"{channel}: a software bus carries classical CAN, not CAN FD")
         self._path = os.fspath(channel)
@@ -152,12 +156,14 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
             try:
                 # A socket with a time-out of Python's does not wait for its turn to be accepted; this one does.
                 command.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _CONNECT_TIMEOUT_S, 0))
-                command.connect(path)
+                command.connect(os.fspath(path_to_call(path)))
                 link = Link(command, path)
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
                 hub_bitrate = link.ask(hello, hub_end)["bitrate"]
             except can.CanOperationError as error:
                 raise can.CanInitializationError(str(error)) from error
+            except RuntimeFolderError as error:
+                raise can.CanInitializationError(f"{error}: name the bus by a path") from error
             except OSError as error:
                 reason = f"{path}: no hub answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error

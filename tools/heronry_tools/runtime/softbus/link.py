@@ -21,6 +21,7 @@ from typing import Any
 
 from can import CanOperationError
 
+from heronry_tools.runtime.softbus.place import how_to_start
 from heronry_tools.runtime.softbus.protocol import (
     DONE,
     MAX_COMMAND_BYTES,
@@ -144,9 +145,4 @@ def deadline_after(timeout_s: float | None) -> float | None:
 
 def hub_is_gone(path: str) -> CanOperationError:
     """Return the error for a hub that has ended, or for a bus that this process has shut down."""
-    return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)} and open the bus again")
-
-
-def how_to_start(path: str) -> str:
-    """Return the remedy for a bus without a hub."""
-    return f"start one with: python -m heronry_tools.runtime.softbus {path} -b 1000000"
+    return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)}")

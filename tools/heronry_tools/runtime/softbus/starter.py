@@ -8,7 +8,6 @@ exec inherits the write end and keeps the hub alive: use the "spawn" start metho
 States: running from the moment that the constructor returns; then killed or closed.
 """
 
-import os
 import signal
 import subprocess
 import sys
@@ -31,8 +30,9 @@ class HubProcess:
             [
                 sys.executable,
                 "-m",
-                "heronry_tools.runtime.softbus",
-                os.fspath(path),
+                "heronry_tools",
+                "softbus",
+                str(path.absolute()),  # with a slash, else it would be a name
                 f"--bitrate={bitrate}",
                 "--until-eof",
             ],
@@ -45,7 +45,8 @@ class HubProcess:
         assert self._process.stdout is not None
         if not self._process.stdout.readline():
             _, reason = self._process.communicate()
-            raise HubError(reason.strip().rpartition("\n")[2] or "the hub ended without a message")
+            last = reason.strip().rpartition("\n")[2].removeprefix("heronry: ")
+            raise HubError(last or "the hub ended without a message")
 
     @property
     def pid(self) -> int:

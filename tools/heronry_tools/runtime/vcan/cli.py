@@ -35,12 +35,14 @@ user-mode Linux: a Linux kernel that is an ordinary process, needs no root, and
 works on your own files. Its parts come from Debian's packages, fetched once
 (about 42 MB) into ~/.cache/heronry/uml. After that it boots in about a second.
 
-Inside and outside are alike: working folder, environment, arguments, user, exit code, stdout, stderr. What differs:
-standard input is empty, candump and cansend are always there, and a user-mode Linux has one CPU, 2 GiB of memory, its
-own processes, /dev, /run and network (no Internet). It is slow: it shows that something works, not how fast.
+Inside and outside are alike: working folder, environment, arguments, user, exit code, stdout, stderr, and on a terminal
+what is typed: "tools/with-vcan bash" is a shell. What differs: standard input is empty where it is no terminal,
+candump and cansend are always there, and a user-mode Linux has one CPU, 2 GiB of memory, its own processes, /dev, /run
+and network (no Internet). It is slow: it shows that something works, not how fast.
 """
 EXAMPLES = """\
 examples:
+  tools/with-vcan bash                                    a shell, on a terminal
   tools/with-vcan candump -n 1 vcan0                      waits for one frame
   tools/with-vcan sh -c 'candump -n1 vcan0 & sleep 1; cansend vcan0 321#C0FFEE; wait'
   tools/with-vcan --interfaces vcan0,vcan1 ip -brief link

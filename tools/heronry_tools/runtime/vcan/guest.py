@@ -60,10 +60,15 @@ def make_interfaces(job: "Job") -> None:
 
 
 def prepare_terminal(job: "Job") -> None:
-    """Make the guest's terminal as wide as the user's, hand it to the user, and let bytes pass unchanged."""
+    """Make the guest's terminal as wide as the user's, and hand it to the user.
+
+    One of the two terminals adds a carriage return to the end of a line: the user's, which the outer program makes raw
+    while the user types (`keyboard`), then the guest's.
+    """
     rows, columns = job["rows_columns"]
+    processing = "opost" if job["stdin"] == TERMINAL else "-opost"
     os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that no process holds forgets its size
-    busybox(job, "stty", "-F", TERMINAL, "-opost", "rows", str(rows), "cols", str(columns))
+    busybox(job, "stty", "-F", TERMINAL, processing, "rows", str(rows), "cols", str(columns))
     os.chown(TERMINAL, job["user"], job["group"])
 
 
@@ -71,7 +76,8 @@ def become_command(job: "Job") -> None:
     """In the child: take the caller's place and identity, then the command's program. Returns only by an OSError."""
     os.setsid()
     write = os.O_WRONLY | os.O_APPEND | os.O_NOCTTY
-    streams = (os.open("/dev/null", os.O_RDONLY), os.open(job["stdout"], write), os.open(job["stderr"], write))
+    # A terminal that is opened here becomes the one that controls this session: Ctrl-C ends what runs in it.
+    streams = (os.open(job["stdin"], os.O_RDONLY), os.open(job["stdout"], write), os.open(job["stderr"], write))
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
     os.closerange(3, 256)
@@ -109,7 +115,7 @@ def drain_terminal(job: "Job") -> None:
 
 def carry_out(job: "Job") -> "Result":
     """Set the guest up, run the command, and give the result, which is a failure where a step fails."""
-    uses_terminal = TERMINAL in (job["stdout"], job["stderr"])
+    uses_terminal = TERMINAL in (job["stdin"], job["stdout"], job["stderr"])
     try:
         mount_system(job)
         make_interfaces(job)

@@ -5,6 +5,7 @@ as they were; one that is down is reported, not changed. Making one needs root a
 either, UnavailableError is raised and nothing is left behind.
 """
 
+import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -58,9 +59,10 @@ def run(command: Command, expired: Callable[[], bool]) -> int:
 
     Raises CannotRunError, ExpiredError, or what a signal handler raises.
     """
+    stdin = None if os.isatty(0) else subprocess.DEVNULL
     try:
         process = subprocess.Popen(
-            command.argv, executable=command.executable, env=command.env, cwd=command.cwd, stdin=subprocess.DEVNULL
+            command.argv, executable=command.executable, env=command.env, cwd=command.cwd, stdin=stdin
         )
     except OSError as error:
         raise CannotRunError(f"cannot run {command.argv[0]}: {error.strerror}") from error

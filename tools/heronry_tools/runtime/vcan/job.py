@@ -14,6 +14,7 @@ class Job(TypedDict):
     user: int
     group: int
     groups: list[int]
+    stdin: str  # /dev/null, or TERMINAL
     stdout: str  # a file to append to, or TERMINAL
     stderr: str  # may be the same file as stdout
     rows_columns: tuple[int, int]  # of the terminal

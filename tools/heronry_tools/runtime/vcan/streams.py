@@ -3,10 +3,18 @@
 Into a terminal: through a console of the guest and a pipe, so that the command sees a terminal of the same size. Into
 anything else: through a file that both sides see, followed as it grows, so that the command sees no terminal and no
 byte is lost when the guest stops. Where stdout and stderr go to one place they share one file, which keeps their order.
+
+Where stdin and stdout are a terminal, what is typed goes to the command, by a second pipe into the same console. The
+user's terminal is raw then, so that every key, and Ctrl-C, is the guest's terminal's to interpret. Else the command's
+standard input is empty.
 """
 
 import os
+import select
+import termios
+import tty
 from pathlib import Path
+from typing import Any
 
 from heronry_tools.runtime.vcan.guest import TERMINAL
 
@@ -17,6 +25,9 @@ class Streams:
     def __init__(self, folder: Path) -> None:
         self.places: list[str] = []
         self.console: int | None = None  # the guest's end of the terminal's pipe
+        self.keyboard: int | None = None  # the guest's end of the pipe for what is typed
+        self._typed: int | None = None  # our end of it
+        self._modes: list[Any] = []  # of the user's terminal, to be set again
         self._routes: list[tuple[int, int]] = []  # (read from, write to)
         one_place = os.path.sameopenfile(1, 2)
         for ours, name in ((1, "stdout"), (2, "stderr")):
@@ -26,6 +37,15 @@ class Streams:
                 self.places.append(self.places[0])
             else:
                 self._add_file(ours, folder / name)
+        if os.isatty(0) and os.isatty(1):
+            self.keyboard, self._typed = os.pipe()
+            self._modes = termios.tcgetattr(0)
+            tty.setraw(0)
+
+    @property
+    def source(self) -> str:
+        """Where the command's standard input is in the guest."""
+        return os.devnull if self.keyboard is None else TERMINAL
 
     def _add_terminal(self, ours: int) -> None:
         self.places.append(TERMINAL)
@@ -41,19 +61,29 @@ class Streams:
 
     def pump(self) -> bool:
         """Copy what has come since the last call; tell whether there was any."""
-        moved = False
+        moved = self._type()
         for source, sink in self._routes:
             while chunk := _read_now(source):
                 moved = True
                 _write_all(sink, chunk)
         return moved
 
+    def _type(self) -> bool:
+        if self._typed is None or not select.select([0], [], [], 0)[0]:
+            return False
+        typed = os.read(0, 1 << 12)
+        _write_all(self._typed, typed)
+        return bool(typed)
+
     def close(self) -> None:
         """Close this program's ends; the files themselves are removed with their folder."""
         for source, _ in self._routes:
             os.close(source)
-        if self.console is not None:
-            os.close(self.console)
+        for end in (self.console, self.keyboard, self._typed):
+            if end is not None:
+                os.close(end)
+        if self._modes:
+            termios.tcsetattr(0, termios.TCSADRAIN, self._modes)
 
 
 def _read_now(source: int) -> bytes:

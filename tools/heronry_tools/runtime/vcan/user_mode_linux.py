@@ -79,6 +79,7 @@ def _job(
         "user": os.geteuid(),
         "group": os.getegid(),
         "groups": os.getgroups(),
+        "stdin": streams.source,
         "stdout": streams.places[0],
         "stderr": streams.places[1],
         "rows_columns": (rows, columns),
@@ -146,7 +147,8 @@ def _roomy_folder(*, hidden_in_guest: bool) -> str:
 
 @contextmanager
 def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess.Popen[bytes]"]:
-    console = [] if streams.console is None else [f"con1=null,fd:{streams.console}"]
+    keys = "null" if streams.keyboard is None else f"fd:{streams.keyboard}"
+    console = [] if streams.console is None else [f"con1={keys},fd:{streams.console}"]
     arguments = [
         f"mem={MEMORY_MIB}M",
         "rootfstype=hostfs",
@@ -175,7 +177,7 @@ def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
-            pass_fds=[] if streams.console is None else [streams.console],
+            pass_fds=[end for end in (streams.keyboard, streams.console) if end is not None],
             start_new_session=True,
             preexec_fn=_die_with_parent,  # noqa: PLW1509 - this program has one thread
         )

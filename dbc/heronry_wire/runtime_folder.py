@@ -1,0 +1,59 @@
+"""The folder in which the programs of one user find each other's sockets.
+
+    $XDG_RUNTIME_DIR/heronry, or /tmp/heronry-UID where this user has no such directory
+
+A manager listens in it as SPEC.sock, and a software bus is NAME.bus. A process that reaches these sockets can command
+the aircraft. So nobody listens in a folder of another user, or in one that others can write to, and nobody calls a
+socket there: anybody can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable)
+counts as none.
+"""
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from heronry_wire.errors import HeronryError
+
+_OTHERS_WRITE = 0o022
+
+
+class RuntimeFolderError(HeronryError):
+    """The folder cannot be used; the message says why."""
+
+
+def runtime_folder() -> Path:
+    """Give this user's folder; it may not exist, and nothing about it has been verified."""
+    named = os.environ.get("XDG_RUNTIME_DIR")
+    if named and _belongs_to_this_user(Path(named)):
+        return Path(named) / "heronry"
+    return Path(tempfile.gettempdir()) / f"heronry-{os.getuid()}"
+
+
+def owned_folder(folder: Path) -> Path:
+    """Make a folder that only this user can enter, or verify an existing one; raises RuntimeFolderError."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise RuntimeFolderError(f"{error.filename or folder}: {error.strerror}") from error
+    return trusted_folder(folder)
+
+
+def trusted_folder(folder: Path) -> Path:
+    """Give the folder back if it is this user's alone, or not there; raises RuntimeFolderError."""
+    try:
+        found = folder.lstat()
+    except FileNotFoundError:
+        return folder
+    except OSError as error:
+        raise RuntimeFolderError(f"{folder}: {error.strerror}") from error
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & _OTHERS_WRITE:
+        raise RuntimeFolderError(f"{folder} is not yours, or other users can write to it")
+    return folder
+
+
+def _belongs_to_this_user(folder: Path) -> bool:
+    try:
+        return folder.stat().st_uid == os.getuid()
+    except OSError:
+        return False

@@ -1,0 +1,33 @@
+"""The name under which `heronry status` and the operator's orders find the manager of a demo: `--of NAME`.
+
+It is the name of the spec with "-demo", for the second demo of one spec at a time with "-demo-2", and so on. A demo has
+its name to itself: it holds a lock beside the sockets, which the kernel releases however the demo ends.
+"""
+
+import fcntl
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+
+from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, listening_folder
+
+_LONGEST_SUFFIX = "-standby"
+
+
+@contextmanager
+def manager_name(spec_name: str) -> Iterator[str | None]:
+    """Hold a name as long as the block runs; None where the user's folder of sockets cannot be used."""
+    try:
+        folder = listening_folder(checked_length(default_socket(f"{spec_name}-demo-999{_LONGEST_SUFFIX}")))
+    except ControlError:
+        yield None
+        return
+    for number in count(1):
+        name = f"{spec_name}-demo" if number == 1 else f"{spec_name}-demo-{number}"
+        with (folder / f"{name}.claim").open("w") as claim:
+            try:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield name
+            return

@@ -1,0 +1,97 @@
+"""Makes the plans for every single fault behind a demo that flies without them; the next demo flies with them.
+
+    python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
+
+The process starts when the first configuration runs, and gets only processor time that nobody else wants (SCHED_IDLE),
+so the flight is as it would be without it. The plans go into the user's cache (`made_ahead`). A demo that ends first
+ends the process: the plans that were found are kept, and the next demo continues from them.
+
+    waiting --start()--> planning --its end--> told
+                            |
+                         close() ends the process
+"""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from heronry_dg.model import Spec
+from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
+from heronry_tools.console.spec_argument import load_spec
+
+
+class PlanningAhead:
+    """The process that plans; as a context manager it ends with the block."""
+
+    def __init__(self, spec: Spec, file: Path) -> None:
+        self._spec, self._file = spec, file
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start(self) -> str:
+        """Start the process, and say so."""
+        command = [sys.executable, "-m", __name__, str(self._file)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, process_group=0
+        )
+        return (
+            f"the {questions(self._spec)} plans for every single fault are made meanwhile, when the processor is free; "
+            "this demo flies without them"
+        )
+
+    def outcome(self) -> str | None:
+        """Say how the process has ended; None while it runs, and when that has been said."""
+        if self._process is None or self._process.poll() is None:
+            return None
+        process, self._process = self._process, None
+        said = process.communicate()[0].decode(errors="replace").strip()
+        if process.returncode == 0:
+            return self._complete()
+        last = said.rpartition("\n")[2].removeprefix("heronry: ") or f"exit code {process.returncode}"
+        return f"the plans for every single fault were not made: {last}"
+
+    def close(self) -> str | None:
+        """End the process if it still plans, and say how far it came; None where that has been said."""
+        outcome = self.outcome()
+        process, self._process = self._process, None
+        if process is None:
+            return outcome
+        process.kill()  # its worker processes end with it
+        process.communicate()
+        if kept_contingencies(self._spec) is not None:  # the process was about to end
+            return self._complete()
+        return (
+            f"{found_so_far(self._spec)} of {questions(self._spec)} plans for single faults are made and kept: "
+            "the next demo continues"
+        )
+
+    def _complete(self) -> str:
+        return f"the {questions(self._spec)} plans for every single fault are complete: the next demo uses them"
+
+
+def main() -> int:
+    """Make the plans; returns 1 where they cannot be made or kept, which is said on standard error."""
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # its worker processes inherit that
+    threading.Thread(target=_end_with_demo, daemon=True).start()
+    return 0 if contingencies_of(load_spec(sys.argv[1]), Ahead.SINGLE_FAULTS) is not None else 1
+
+
+def _end_with_demo() -> None:
+    while os.read(0, 4096):
+        pass
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+"""Where a software bus is: a path, or a name that all programs of one user find.
+
+    with a slash      a path: /tmp/can0.sock, ./can0.sock
+    without one       a name: can0 is can0.bus in the user's `heronry_wire.runtime_folder`
+
+So `heronry softbus` in one terminal and `-i softbus -c can0` in any other are the same bus.
+"""
+
+from pathlib import Path
+
+from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
+
+DEFAULT_NAME = "can0"
+_SUFFIX = ".bus"
+
+
+def path_to_listen(channel: str) -> Path:
+    """Give the path for a hub, in a folder that exists if `channel` is a name; raises RuntimeFolderError."""
+    return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{channel}{_SUFFIX}"
+
+
+def path_to_call(channel: str) -> Path:
+    """Give the path of a bus for its clients; raises RuntimeFolderError if its folder is another user's."""
+    return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{channel}{_SUFFIX}"
+
+
+def how_to_start(channel: str) -> str:
+    """Give the remedy for a bus that nobody serves; it names the buses that were started by name."""
+    remedy = f"start one with: heronry softbus {channel}"
+    others = [] if _is_path(channel) else [name for name in _names() if name != channel]
+    return f"{remedy}   (there is: {', '.join(others)})" if others else remedy
+
+
+def _names() -> list[str]:
+    try:
+        return sorted(file.stem for file in trusted_folder(runtime_folder()).glob(f"*{_SUFFIX}"))
+    except RuntimeFolderError:
+        return []
+
+
+def _is_path(channel: str) -> bool:
+    return "/" in channel
