@@ -70,9 +70,11 @@ def running() -> None:
 
 
 def finished() -> None:
-    """The command has done its work: a signal that comes while Python ends changes nothing."""
+    """End an interrupted process here, without Python's own clean-up of all modules; else ignore later signals."""
+    if _State.came:
+        _end(_State.came)
     if any(signal.getsignal(number) is _interrupt for number in NUMBERS):
-        _handle(_end_at_once if _State.came else signal.SIG_IGN)
+        _handle(signal.SIG_IGN)
 
 
 def came() -> int:

@@ -101,7 +101,7 @@ class Fleet:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        self._end(signal.SIGKILL if kind is not None and issubclass(kind, KeyboardInterrupt) else signal.SIGTERM)
 
     def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
         """Start the software buses among these choices."""
@@ -210,9 +210,13 @@ class Fleet:
 
     def close(self) -> None:
         """End all processes: with SIGTERM first, with SIGKILL where that does not help."""
+        self._end(signal.SIGTERM)
+
+    def _end(self, number: signal.Signals) -> None:
+        """Send all processes a signal, and kill what goes on; whoever interrupts a demo does not wait for its nodes."""
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
-            process.send_signal(signal.SIGTERM)
+            process.send_signal(number)
             process.send_signal(signal.SIGCONT)
         deadline = time.monotonic() + _STOP_TIMEOUT_S
         for process in running:

@@ -47,7 +47,7 @@ def play(arguments: argparse.Namespace) -> int:
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         made, behind = _plans_ahead(spec, arguments.spec, arguments.contingencies)
         file = spec_path(arguments.spec)
-        stack.enter_context(interruption.in_order())  # each process is told to stop, which takes some hundred ms
+        stack.enter_context(interruption.in_order())  # fifty processes end, which takes some hundred ms
         called = stack.enter_context(manager_name(spec.name))
         fleet = stack.enter_context(
             Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s, called=called)
