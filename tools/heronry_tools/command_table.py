@@ -70,6 +70,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     ),
     "watch": (
         Command("status", "what the manager on this computer knows", "operator"),
+        Command("traceback", "the traceback of a module's last failure", "operator"),
         Command("replay", "a recorded bus through the manager again: why it decided so"),
         Command("dbc", "a DBC with which cantools decodes the bus"),
         Command("eds", "an EDS with which CANopen tools read a PE"),

@@ -31,6 +31,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "module_restarted": ("{element} failed and is started again on {by} ({times})", "fault"),
+    "module_failed": ("{element} on {by}: {text}", "bad"),
     "fault_reported": ("{element} has failed, reported by {by}", "fault"),
     "link_limited": ("the link {bus} has {share} of its bandwidth, reported by {by}", "fault"),
     "link_gone": ("the link {bus} is gone, reported by {by}", "fault"),
@@ -114,8 +115,8 @@ class Story:
                 yield from self._reconfigured(event)
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice":
-                yield Line(_advice(event))
+            case "advice" | "stood_still":
+                yield Line(_advice(event)) if kind == "advice" else Line(_standstill(event), "bad")
             case "outage":
                 yield from self._outage(event)
             case "summary":
@@ -207,6 +208,15 @@ class Story:
                 yield Line(f"not served: {name}: {function['why_not']}")
         for rivals in event["rivals"]:
             yield Line(f"two drivers at once: {rivals}", "bad")
+
+
+def _standstill(event: Mapping[str, Any]) -> str:
+    """Tell that a computer stood still; a PE tells it only afterwards."""
+    by, for_ms = event["by"], event["for_ns"] // 1_000_000
+    if by == "the demo" or by.startswith("manager "):
+        return f"this computer stood still for {for_ms} ms ({by} noticed it): what follows may be its doing"
+    times = "once" if event["times"] == 1 else f"{event['times']} times"
+    return f"the computer of {by} stood still for {for_ms} ms ({times} so far): if {by} was lost, that may be its doing"
 
 
 def _advice(event: Mapping[str, Any]) -> str:

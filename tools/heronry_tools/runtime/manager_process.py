@@ -87,6 +87,7 @@ def mastership(arguments: argparse.Namespace) -> int:
                 key=key,
                 standby=arguments.standby,
                 tells_departures=True,
+                reads_objects=True,
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
