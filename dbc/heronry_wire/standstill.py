@@ -5,8 +5,9 @@ virtual machine is stopped. Then its frames are late, and other nodes call it lo
 turn of its loop: how late it woke after its deadline, less the processor time that it has used itself since it woke
 last, since that is its own work and not a standstill. A wait that ends early (a frame has come) is never late.
 
-A standstill longer than a quarter period, the slack of a heartbeat, is counted. One longer than a period is told, but
-only once in TELL_AGAIN_NS, unless it is longer than the last one that was told.
+A standstill longer than a quarter period, the slack of a heartbeat, is counted. A long one, longer than a period, may
+make another node doubt this one. It is told, but only once in TELL_AGAIN_NS, unless it is longer than the last one that
+was told.
 """
 
 from dataclasses import dataclass
@@ -29,7 +30,8 @@ class Standstills:
 
     period_ns: int
     times: int = 0
-    last_ns: int = 0
+    long_times: int = 0
+    last_long_ns: int = 0
     longest_ns: int = 0
     _told_ns: int = 0  # length of the last one that was told
     _told_at_ns: int = -TELL_AGAIN_NS
@@ -37,9 +39,12 @@ class Standstills:
     def count(self, one: StoodStill, now_ns: int) -> bool:
         """Count a standstill, and tell whether it is to be told."""
         self.times += 1
-        self.last_ns, self.longest_ns = one.for_ns, max(self.longest_ns, one.for_ns)
-        is_recent = now_ns - self._told_at_ns < TELL_AGAIN_NS and one.for_ns <= self._told_ns
-        if one.for_ns <= self.period_ns or is_recent:
+        self.longest_ns = max(self.longest_ns, one.for_ns)
+        if one.for_ns <= self.period_ns:
+            return False
+        self.long_times += 1
+        self.last_long_ns = one.for_ns
+        if now_ns - self._told_at_ns < TELL_AGAIN_NS and one.for_ns <= self._told_ns:
             return False
         self._told_ns, self._told_at_ns = one.for_ns, now_ns
         return True

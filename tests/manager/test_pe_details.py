@@ -97,8 +97,8 @@ class Reading(OneManager):
         assert found is not None
         return dict(found)
 
-    def counters(self, times: int, last_ms: int, longest_ms: int) -> None:
-        for sub_index, number in enumerate((times, last_ms, longest_ms), start=3):
+    def counters(self, long_times: int, last_long_ms: int) -> None:
+        for sub_index, number in enumerate((30, long_times, last_long_ms, 200), start=3):
             self.objects[LEFT, COUNTERS, sub_index] = number.to_bytes(4, "little")
 
 
@@ -214,11 +214,12 @@ def test_a_late_answer_of_another_node_or_none_at_all_is_dropped(manager: Readin
 
 
 def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) -> None:
-    manager.counters(3, 90, 200)
+    manager.counters(3, 90)
     assert manager.status()["pes"]["left"]["standstills"] is None
-    assert manager.status()["pes"]["left"]["standstills"] == {"times": 3, "last_ms": 90, "longest_ms": 200}
+    counted = {"times": 30, "long_times": 3, "last_long_ms": 90, "longest_ms": 200}
+    assert manager.status()["pes"]["left"]["standstills"] == counted
     assert manager.told("stood_still") == []
-    manager.counters(4, 140, 200)
+    manager.counters(4, 140)
     running = manager.running.pop("left")
     manager.pass_time(45 * MS)
     manager.running["left"] = running
@@ -228,7 +229,7 @@ def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) ->
 
 def test_a_pe_that_has_restarted_counts_anew(manager: Reading) -> None:
     for times, expected in ((9, 1), (9, 1), (0, 1), (2, 2), (1, 3)):
-        manager.counters(times, 50, 50)
+        manager.counters(times, 50)
         running = manager.running.pop("left")
         manager.pass_time(45 * MS)
         manager.running["left"] = running
@@ -239,8 +240,9 @@ def test_a_pe_that_has_restarted_counts_anew(manager: Reading) -> None:
 def test_a_standstill_of_the_managers_own_computer_is_told_and_counted(manager: Reading) -> None:
     for for_ms in (6, 140, 30):
         manager.give(StoodStill(for_ms * MS))
-    assert manager.told("stood_still") == [{"by": "manager 126", "for_ns": 140 * MS, "times": 2}]
-    assert manager.status()["manager"]["standstills"] == {"times": 3, "last_ms": 30, "longest_ms": 140}
+    assert manager.told("stood_still") == [{"by": "manager 126", "for_ns": 140 * MS, "times": 1}]
+    counted = {"times": 3, "long_times": 2, "last_long_ms": 30, "longest_ms": 140}
+    assert manager.status()["manager"]["standstills"] == counted
 
 
 def test_a_module_that_is_not_in_the_table_of_the_pe_is_not_asked_for(manager: Reading) -> None:

@@ -45,4 +45,4 @@ def test_every_standstill_is_counted_and_few_are_told() -> None:
     told = [count.count(StoodStill(ms * MS), at * MS) for ms, at in ((6, 0), (30, 1), (30, 2), (31, 3), (25, 4))]
     assert told == [False, True, False, True, False]
     assert count.count(StoodStill(25 * MS), 3 * MS + TELL_AGAIN_NS)
-    assert (count.times, count.last_ns, count.longest_ns) == (6, 25 * MS, 31 * MS)
+    assert (count.times, count.long_times, count.last_long_ns, count.longest_ns) == (6, 5, 25 * MS, 31 * MS)

@@ -25,7 +25,7 @@ KINDS: Mapping[str, str] = {
     "pe_joined": "pe, cause: the PE is available from now on",
     "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
     "module_failed": "element, by, text: why, as the PE gives it by SDO: exception, message, file and line",
-    "stood_still": "by (a PE, a manager, the demo), for_ns, times: its computer did not let it run for so long",
+    "stood_still": "by (a PE, a manager, the demo), for_ns, times: it could not run for more than a period",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element no longer counts as failed",
     "link_limited": "bus, by, share: plans use this share of a radio's bandwidth from now on, as its gateway reports",

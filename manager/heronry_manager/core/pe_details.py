@@ -3,8 +3,8 @@
     failure of a module      read when an EMCY has told of it, and told as an event. The last one of each module is kept
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. More of them than before are told as an event: they may be the reason why the
-                             PE was not heard
+                             the status. More long ones than before are told as an event: they may be the reason why
+                             the PE was not heard
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
 What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
@@ -25,7 +25,7 @@ from heronry_wire.failure_text import plain_reason, plain_traceback
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.standstill import Standstills, StoodStill
 
-_TIMES, _LAST_MS, _LONGEST_MS = 3, 4, 5  # sub-indices of the counters
+_COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
 _NS_PER_MS = 1_000_000
 
 
@@ -47,7 +47,7 @@ class PeDetails:
     def stood_still(self, event: StoodStill) -> None:
         """Count a standstill of the computer of this manager, and tell a long one."""
         if self.own.count(event, self._turn.now_ns):
-            self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.times)
+            self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
         """Read why a module has failed; the EMCY is repeated, and read for once."""
@@ -89,10 +89,10 @@ class PeDetails:
         def take(key: str, value: bytes | None) -> None:
             if value is not None:
                 found[key] = int.from_bytes(value, "little")
-            if key == "longest_ms" and len(found) == 3:
+            if key == "longest_ms" and len(found) == len(_COUNTERS):
                 self._found_standstills(pe, found, tells=tells)
 
-        for sub_index, key in ((_TIMES, "times"), (_LAST_MS, "last_ms"), (_LONGEST_MS, "longest_ms")):
+        for sub_index, key in _COUNTERS:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
 
     def end_of_step(self) -> None:
@@ -107,22 +107,20 @@ class PeDetails:
         return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
 
     def standstills(self, pe: str) -> Mapping[str, int] | None:
-        """Give what is known of the standstills of a PE: times, last_ms, longest_ms; None: nothing."""
+        """Give what is known of the standstills of a PE: times, long_times, last_long_ms, longest_ms; None: nothing."""
         return self._standstills.get(pe)
 
     def own_standstills(self) -> dict[str, int]:
         """Give the standstills of this manager in the same form."""
         own = self.own
-        times_ms = {"last_ms": own.last_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
-        return {"times": own.times, **times_ms}
+        times_ms = {"last_long_ms": own.last_long_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
+        return {"times": own.times, "long_times": own.long_times, **times_ms}
 
     def _found_standstills(self, pe: str, found: dict[str, int], *, tells: bool) -> None:
-        before = self._standstills.get(pe, {}).get("times", 0)
-        is_more = found["times"] > before if found["times"] >= before else bool(found["times"])  # it may have restarted
+        times, before = found["long_times"], self._standstills.get(pe, {}).get("long_times", 0)
         self._standstills[pe] = found
-        if tells and is_more:
-            for_ns = found["last_ms"] * _NS_PER_MS
-            self._turn.emit("stood_still", by=pe, for_ns=for_ns, times=found["times"])
+        if tells and (times > before or 0 < times < before):  # fewer: the PE has restarted, and counts anew
+            self._turn.emit("stood_still", by=pe, for_ns=found["last_long_ms"] * _NS_PER_MS, times=times)
 
     def _read(self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None]) -> None:
         is_possible = self._is_wanted and self._claim.is_active and not self._turn.silent

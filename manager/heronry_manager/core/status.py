@@ -4,7 +4,7 @@ A pure function of the parts of the core. The document is versioned; a later ver
 
     v, spec, spec_digest, phase, epoch, stage
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
-                    or null), standstills (of its computer: times, last_ms, longest_ms)
+                    or null), standstills (times, long_times, last_long_ms, longest_ms)
     next            epoch that is being prepared, or null
     unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null.
                     Else null, also while the manager stands by
