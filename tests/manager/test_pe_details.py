@@ -9,7 +9,7 @@ from heronry_manager.core.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import sdo_response_id
+from heronry_wire.identifiers import emcy_id, sdo_response_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import (
@@ -28,7 +28,7 @@ from heronry_wire.sdo import (
     with_number,
 )
 from heronry_wire.standstill import StoodStill
-from manager.one_manager import MS, OneManager, emcy_id
+from manager.one_manager import MS, OneManager
 
 LEFT = 92
 CONTROL, DRIVE_LEFT = 0, 1  # indices in the spec

@@ -63,6 +63,8 @@ KINDS: Mapping[str, str] = {
     "planned_ahead": "sentence: plans for single faults that are made behind a demo, for the next one",
     "orders": "flags: with these the operator's commands reach the manager of the demo",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
+    "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
+    "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",
 }
