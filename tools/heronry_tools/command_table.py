@@ -49,6 +49,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("pcs", "component graphs: what controls what, scripts that rewire it"),
     ),
     "try": (
+        Command("module", "let the code of a module compute some steps, without a bus"),
         Command("sim", "fly in virtual time with drawn faults, and check each flight"),
         Command("scenario", "fly a written story, and check what it expects"),
         Command("exhaust", "one fault at every message of every reconfiguration"),
