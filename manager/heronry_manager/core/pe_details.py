@@ -23,6 +23,7 @@ from heronry_manager.core.turn import Turn
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
 from heronry_wire.failure_text import plain_reason, plain_traceback
 from heronry_wire.protocol_times import t_lease_ns
+from heronry_wire.sdo import read_number
 from heronry_wire.standstill import Standstills, StoodStill
 
 _COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
@@ -88,7 +89,7 @@ class PeDetails:
 
         def take(key: str, value: bytes | None) -> None:
             if value is not None:
-                found[key] = int.from_bytes(value, "little")
+                found[key] = read_number(value)
             if key == "longest_ms" and len(found) == len(_COUNTERS):
                 self._found_standstills(pe, found, tells=tells)
 

@@ -10,7 +10,6 @@ seen.
 """
 
 import os
-import struct
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +19,6 @@ from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 LONGEST_HEARTBEAT_NS = 16 * USUAL_HEARTBEAT_NS
 _GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped aircraft takes
-_WORST = struct.Struct("<q")
 
 
 def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
@@ -39,10 +37,8 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
             children.append(child)
     finally:
         os.close(theirs)
-        worst_ns = 0
         with os.fdopen(pipe, "rb") as answers:
-            while answer := answers.read(_WORST.size):
-                worst_ns = max(worst_ns, *_WORST.unpack(answer))
+            worst_ns = max((int(answer) for answer in answers), default=0)
         for child in children:
             os.waitpid(child, 0)
     return worst_ns
@@ -76,6 +72,6 @@ def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
                 pass
             worst_ns = max(worst_ns, time.monotonic_ns() - due_ns - _WORK_NS)
             due_ns = max(due_ns + _GRID_NS, time.monotonic_ns())
-        os.write(pipe, _WORST.pack(worst_ns))
+        os.write(pipe, b"%d\n" % worst_ns)
     finally:
         os._exit(0)
