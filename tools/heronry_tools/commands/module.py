@@ -8,8 +8,10 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, redirect_stdout
+from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.output import add_output
 
 if TYPE_CHECKING:
     from heronry_tools.runtime.module_trial import Trial
@@ -24,7 +26,7 @@ examples:
 
 IMAGE is what the spec names as 'image': my_glider:Speed is class Speed in my_glider.py, here or where Python finds it.
 A value is a whole number (1), a number (1.5), whole numbers with commas between (1,2), or else a text. Every step gets
-the same inputs and the same reading, one period after the step before. What the module prints is printed, too.
+the same inputs and the same reading, one period after the step before. What the module prints goes to standard error.
 """
 
 
@@ -39,7 +41,6 @@ def add_parsers(subparsers: Any) -> None:
         help="build a module and let it compute some steps",
         description="Build a module and let it compute some steps, without a bus, a spec or an agent.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     trial.add_argument("image", metavar="IMAGE", help="package.module:Class, or a name of an installed catalogue")
     trial.add_argument(
@@ -49,7 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     trial.add_argument("--mode", metavar="NAME", default="only", help="name of its mode (default: only)")
     trial.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="steps in a second (default 10)")
     trial.add_argument("--steps", metavar="N", type=int, default=3, help="how many steps it computes (default 3)")
-    trial.add_argument("--json", action="store_true", help="print steps and failure as one JSON object")
+    add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)
 
 
@@ -69,13 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
         inputs[name] = read_value(value)
     reading = None if arguments.reading is None else read_value(arguments.reading)
     orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), has_device=True)
-    with ExitStack() as stack:
-        if arguments.json:
-            stack.enter_context(redirect_stdout(sys.stderr))
+    with redirect_stdout(sys.stderr):
         trial = try_module(orders, inputs, reading, arguments.steps)
-    for line in [json.dumps(trial.document(), indent=2)] if arguments.json else _report(trial, orders.period_ns):
+    is_json = arguments.format == "json"
+    for line in [json.dumps(trial.document(), indent=2)] if is_json else _report(trial, orders.period_ns):
         print(line)
-    if trial.failure is not None and not arguments.json:
+    if trial.failure is not None and not is_json:
         when = f"in step {trial.failed_in}" if trial.failed_in else "before its first step"
         print(f"{trial.failure.traceback}heronry: the module failed {when}: {trial.failure.reason}", file=sys.stderr)
     return 0 if trial.failure is None else 1
