@@ -68,14 +68,27 @@ def test_a_failing_step_shows_exception_place_and_traceback(folder: str, capsys:
         ("{}:Speed", "odd", "is no value of a module: use int, float, str, bytes or a tuple of int"),
         ("{}_unfit:Speed", "only", "the code cannot be imported: image '{}_unfit:Speed': cannot import {}_unfit"),
         ("{}_typo:Speed", "only", "the code cannot be imported: SyntaxError: invalid syntax ({}_typo.py, line 1)"),
-        ("{}:Sped", "only", "the code cannot be imported: image '{}:Sped'"),
-        ("state_estimater", "only", "did you mean 'state_estimator'?"),
     ],
 )
 def test_every_failure_has_its_reason(
     folder: str, image: str, mode: str, reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["module", "try", image.replace("{}", folder), "--mode", mode, "--inputs", "density=2"]) == 1
+    assert reason.replace("{}", folder) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("image", "reason"),
+    [
+        ("{}:Sped", "image '{}:Sped': {} has no class Sped derived from heronry_agent.module.Module"),
+        ("{}_no:Speed", "image '{}_no:Speed': cannot import {}_no"),
+        ("state_estimater", "did you mean 'state_estimator'?"),
+    ],
+)
+def test_code_that_is_not_there_is_a_mistake_on_the_command_line(
+    folder: str, image: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["module", "try", image.replace("{}", folder)]) == 2
     assert reason.replace("{}", folder) in capsys.readouterr().err
 
 

@@ -1,7 +1,7 @@
 """`heronry module try`: runs the code of a module without a bus.
 
-Exit codes: 0 every step has been computed, 1 the code cannot be imported, built or stepped, 2 the command line cannot
-be used.
+Exit codes: 0 every step has been computed; 1 the code fails, when it is imported, built or stepped; 2 what was typed
+cannot be used, as where there is no such code.
 """
 
 import argparse
@@ -32,9 +32,7 @@ the same inputs and the same reading, one period after the step before. What the
 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry module`."""
-    parser = subparsers.add_parser(
-        "module", help="try the code of a module without a bus", description="Work on modules."
-    )
+    parser = subparsers.add_parser("module", description="Try the code of a module without a bus.", epilog=_EPILOG)
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     trial = actions.add_parser(
         "try",
@@ -58,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Try a module; returns the exit code."""
     from heronry_agent.shell.module_runner import Orders  # noqa: PLC0415 - keeps `--help` quick
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
-    from heronry_tools.runtime.module_trial import period_ns, read_value, try_module  # noqa: PLC0415
+    from heronry_tools.runtime.module_trial import expect_there, period_ns, read_value, try_module  # noqa: PLC0415
 
     if not 0 < arguments.rate_hz <= 10_000 or arguments.steps < 1:
         raise UserError("let the module compute at least one step, with a rate above 0 and up to 10000 Hz")
@@ -69,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UserError(f"--inputs {text}: write it as NAME=VALUE, for example density=1.225")
         inputs[name] = read_value(value)
     reading = None if arguments.reading is None else read_value(arguments.reading)
+    expect_there(arguments.image)
     orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), has_device=True)
     with redirect_stdout(sys.stderr):
         trial = try_module(orders, inputs, reading, arguments.steps)

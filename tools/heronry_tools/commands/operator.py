@@ -58,7 +58,10 @@ def add_parsers(subparsers: Any) -> None:
         parser.add_argument(
             "what", metavar="ELEMENT", help="KIND:NAME, for example pe:nav, device:gps, module:autopilot"
         )
-        add_json(parser)
+        if name == "traceback":
+            add_output(parser, "print the answer as one JSON object")
+        else:
+            add_json(parser)
 
 
 def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.ArgumentParser:

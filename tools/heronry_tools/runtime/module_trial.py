@@ -13,6 +13,7 @@ from typing import Any
 
 from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum, Value
+from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
 from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
 from heronry_wire.sansio import NEVER_NS
@@ -52,10 +53,25 @@ class Trial:
         }
 
 
-def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
-    """Build a module and step it; its code is looked for in the present folder, too."""
+def expect_there(image: str) -> None:
+    """Look for the code of an image, also in the present folder; raises UnknownImageError where there is none.
+
+    Code that is there and fails when it is imported is a result of the trial.
+    """
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
+    try:
+        find_image(image)
+    except UnknownImageError as error:
+        missing = error.__cause__
+        if missing is None or (isinstance(missing, ModuleNotFoundError) and image.startswith(str(missing.name))):
+            raise
+    except Exception:  # noqa: BLE001 - foreign code; the trial tells of it
+        return
+
+
+def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
+    """Build a module and step it."""
     trial, now_ns = Trial(), 0
     runner = ModuleRunner(lambda: now_ns)
     trial.failure = runner.start(_MODULE, orders, now_ns)
