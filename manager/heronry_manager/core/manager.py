@@ -37,6 +37,7 @@ from heronry_manager.core.numbering import next_term
 from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.operator_orders import OperatorOrders
 from heronry_manager.core.parts import Parts
+from heronry_manager.core.pe_details import Look
 from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.status import status
@@ -233,7 +234,7 @@ class ManagerCore:
         """Give the status, and read the standstills of the PEs anew, for the next one."""
         for pe in self._settings.spec.pes:
             if self._known.health.is_available(pe):
-                self._details.look_at_standstills(pe, tells=False)
+                self._details.look_at_standstills(pe, Look.SHOW)
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:

@@ -3,8 +3,8 @@
     failure of a module      read when an EMCY has told of it, and told as an event. The last one of each module is kept
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. More long ones than before are told as an event: they may be the reason why
-                             the PE was not heard
+                             the status. More long ones than before are told as an event, with the longest of them if
+                             the PE never had a longer one: they may be the reason why the PE was not heard
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
 What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
@@ -12,6 +12,7 @@ What was read stays until this manager ends; another manager reads again. Lost, 
 """
 
 from collections.abc import Callable, Mapping
+from enum import Enum
 from functools import cache, partial
 from typing import Any
 
@@ -30,6 +31,14 @@ _COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_
 _NS_PER_MS = 1_000_000
 
 
+class Look(Enum):
+    """Why the standstills of a PE are read."""
+
+    BEGIN = "it joins: what was before does not matter"
+    TELL = "it was not heard: tell of new ones"
+    SHOW = "the status shows them"
+
+
 class PeDetails:
     """Reads and keeps the details of all PEs, and counts the standstills of this manager."""
 
@@ -43,6 +52,7 @@ class PeDetails:
         self._heard: dict[tuple[str, str], tuple[object, int]] = {}  # last EMCY by PE and module, and when it came
         self._failures: dict[str, dict[str, Any]] = {}  # by element
         self._standstills: dict[str, dict[str, int]] = {}  # by PE
+        self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
         self._position = cache(self._position_in_table)
 
     def stood_still(self, event: StoodStill) -> None:
@@ -83,15 +93,15 @@ class PeDetails:
 
         self._read(pe, MODULE_TRACEBACKS, self._position(pe, element), take)
 
-    def look_at_standstills(self, pe: str, *, tells: bool) -> None:
-        """Read how often the computer of a PE has stood still; `tells`: tell it if it has done so again."""
+    def look_at_standstills(self, pe: str, look: Look) -> None:
+        """Read how often the computer of a PE has stood still."""
         found: dict[str, int] = {}
 
         def take(key: str, value: bytes | None) -> None:
             if value is not None:
                 found[key] = read_number(value)
             if key == "longest_ms" and len(found) == len(_COUNTERS):
-                self._found_standstills(pe, found, tells=tells)
+                self._found_standstills(pe, found, look)
 
         for sub_index, key in _COUNTERS:
             self._read(pe, COUNTERS, sub_index, partial(take, key))
@@ -117,11 +127,17 @@ class PeDetails:
         times_ms = {"last_long_ms": own.last_long_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
         return {"times": own.times, "long_times": own.long_times, **times_ms}
 
-    def _found_standstills(self, pe: str, found: dict[str, int], *, tells: bool) -> None:
-        times, before = found["long_times"], self._standstills.get(pe, {}).get("long_times", 0)
+    def _found_standstills(self, pe: str, found: dict[str, int], look: Look) -> None:
+        times, before = found["long_times"], self._compared.get(pe, {"long_times": 0, "longest_ms": 0})
         self._standstills[pe] = found
-        if tells and (times > before or 0 < times < before):  # fewer: the PE has restarted, and counts anew
-            self._turn.emit("stood_still", by=pe, for_ns=found["last_long_ms"] * _NS_PER_MS, times=times)
+        if look is not Look.SHOW:  # else a status that is asked for just then would hide what has to be told
+            self._compared[pe] = found
+        has_restarted = times < before["long_times"]  # and counts anew
+        if look is not Look.TELL or times == (0 if has_restarted else before["long_times"]):
+            return
+        is_longest_new = has_restarted or found["longest_ms"] > before["longest_ms"]
+        for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]
+        self._turn.emit("stood_still", by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
 
     def _read(self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None]) -> None:
         is_possible = self._is_wanted and self._claim.is_active and not self._turn.silent
