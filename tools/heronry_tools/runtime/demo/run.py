@@ -139,9 +139,8 @@ class Show:
             return
         if one["event"] != "bus":  # the demo has reported it
             self._tell(one)
+        self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
-            case "module_restarted" | "module_failed":
-                self.saw_failure = True
             case "pe_joined":
                 self._coming_back.discard(one["pe"])
             case "plan_requested":
