@@ -25,6 +25,7 @@ STORED_EDS, EDS_FORMAT, SDO_SERVER = 0x1021, 0x1022, 0x1200
 PROGRAM_DATA, PROGRAM_CONTROL = 0x1F50, 0x1F51
 STATE, SPEC, MASTERSHIP = 0x2000, 0x2001, 0x2002
 MODULE_NAMES, MODULE_INDICES, MODULE_IMAGES, MODULE_STATES, MODULE_MODES = 0x2010, 0x2011, 0x2012, 0x2013, 0x2014
+MODULE_FAILURES, MODULE_TRACEBACKS = 0x2015, 0x2016
 TABLE, COUNTERS, TIME = 0x2020, 0x2021, 0x2022
 
 ERRORS_KEPT = 8
@@ -238,11 +239,15 @@ OBJECTS: tuple[Entry, ...] = (
             Variable("Lease is heard", _U8, meaning="1 or 0"),
         ),
     ),
-    _per_module(MODULE_NAMES, "Module name", _TEXT, "of each module that may run here; so are the next four"),
+    _per_module(MODULE_NAMES, "Module name", _TEXT, "of each module that may run here; so are the next six"),
     _per_module(MODULE_INDICES, "Module index", _U16, "in the spec: EMCY and slices count so"),
     _per_module(MODULE_IMAGES, "Module image", _TEXT, "the code"),
     _per_module(MODULE_STATES, "Module state", _U8, "0 not wanted, 1 running, 2 held, 3 failed, 4 not started yet"),
     _per_module(MODULE_MODES, "Module mode", _TEXT, "the mode that runs, or nothing"),
+    _per_module(
+        MODULE_FAILURES, "Module failure", _TEXT, "why the module failed last, in one line; kept until a restart"
+    ),
+    _per_module(MODULE_TRACEBACKS, "Module traceback", Type.DOMAIN, "of that failure, as text; its last 2000 bytes"),
     _var(TABLE, Variable("Table of this PE", Type.DOMAIN, _RW, meaning="JSON text, as `heronry table` writes it")),
     Entry(
         COUNTERS,
@@ -251,6 +256,10 @@ OBJECTS: tuple[Entry, ...] = (
         (
             Variable("Frames not understood or not obeyed", _U32),
             Variable("Releases of modules skipped", _U32),
+            Variable("Standstills of this computer", _U32, meaning="a timer came late by more than a quarter period"),
+            Variable("Long standstills", _U32, meaning="those of more than a period"),
+            Variable("Last long standstill", _U32, meaning="ms"),
+            Variable("Longest standstill", _U32, meaning="ms"),
         ),
     ),
     Entry(

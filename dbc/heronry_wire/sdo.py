@@ -84,6 +84,11 @@ def read_length(rest: bytes) -> int:
     return int.from_bytes(rest, "little")
 
 
+def read_number(value: bytes) -> int:
+    """Read the value of an object as an unsigned number."""
+    return int.from_bytes(value, "little")
+
+
 def expedited_length(command: int) -> int:
     """How many of the last four bytes of an expedited initiate are data."""
     return EXPEDITED_BYTES - (command >> 2 & 3)

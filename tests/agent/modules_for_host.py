@@ -2,6 +2,7 @@
 
 # ruff: noqa: ARG002 - most of them do nothing with their inputs
 
+import json
 from collections.abc import Mapping
 
 from heronry_agent.module import Context, Inputs, Module, Value
@@ -42,6 +43,23 @@ class Raising(Module):
 class Unbuildable(Module):
     def __init__(self, ctx: Context) -> None:
         raise MemoryError
+
+
+class Reading(Module):
+    """Fails within a library."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        return dict(json.loads(""))
+
+
+class Unspeakable_(Exception):  # noqa: N801, N818 - its name is all that is left of it
+    def __str__(self) -> str:
+        raise ValueError
+
+
+class Unspeakable(Module):
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        raise Unspeakable_
 
 
 class Wrong(Module):

@@ -20,13 +20,14 @@ from agent.one_pe import (
     pages,
 )
 from heronry_agent.core.network_management import NetworkManagement
-from heronry_agent.core.vocabulary import Action, StartFailed
+from heronry_agent.core.vocabulary import Action, ImagesMissing, Note, StartFailed
 from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import FaultCode, Lease, Step
 from heronry_wire.sansio import Send
+from heronry_wire.standstill import StoodStill
 from heronry_wire.state_frames import PeState
 
 BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
@@ -87,6 +88,41 @@ def test_it_tells_its_modules_and_what_each_does(master: Master) -> None:
     master.pe.give(StartFailed(CONTROL, "oops"))
     assert doing() == [(3, ""), (1, "only"), (0, ""), (0, "")]
     assert refusal(lambda: master.sdo["Module name"][5].raw) == 0x0800_0024
+
+
+def test_it_keeps_why_each_module_failed_last(master: Master) -> None:
+    """A text from a module is made plain; it stays when the fault is cleared, for a reader that comes late."""
+
+    def told(kind: str) -> list[str | bytes]:
+        return [text.raw for text in master.sdo[f"Module {kind}"].values()]
+
+    assert told("failure") == [""] * 4
+    master.pe.configure(FLYING, 7)
+    failure = StartFailed(CONTROL, "ValueError: \x1b[2J\u00e9 (my.py:3)", "Traceback\n  File my.py\nValueError: \x07\n")
+    master.pe.give(failure)
+    assert told("failure") == ["ValueError: \\x1b[2J\\xe9 (my.py:3)", "", "", ""]
+    assert told("traceback")[0] == b"Traceback\n  File my.py\nValueError: \\x07"
+    master.pe.core.modules.cleared(2, CONTROL)
+    assert told("failure")[0] == "ValueError: \\x1b[2J\\xe9 (my.py:3)"
+
+
+def test_code_that_cannot_be_imported_is_the_failure_of_its_modules(master: Master) -> None:
+    actions = master.pe.give(ImagesMissing({"servo": "no module named 'servo'", "nobody's": "\n"}))
+    assert [text.raw for text in master.sdo["Module failure"].values()] == ["", *["no module named 'servo'"] * 2, ""]
+    assert "servo cannot be run here: no module named 'servo'" in [
+        action.text for action in actions if isinstance(action, Note)
+    ]
+
+
+def test_it_counts_the_standstills_of_its_computer(master: Master) -> None:
+    """One longer than a period is noted, but not each of many; one longer than all before it is."""
+    notes = []
+    for for_ms in (6, 140, 60, 150):
+        notes += [a.text for a in master.pe.give(StoodStill(for_ms * MS)) if isinstance(a, Note) and a.kind == "late"]
+    assert notes == ["this computer stood still for 140 ms", "this computer stood still for 150 ms"]
+    master.pe.pass_time(SECOND)
+    master.pe.give(StoodStill(30 * MS))
+    assert [counter.raw for counter in master.sdo["Counters"].values()][2:] == [5, 4, 30, 150]
 
 
 def test_its_state_is_that_of_its_state_frames(master: Master) -> None:

@@ -288,7 +288,11 @@ def test_a_module_that_is_kept_goes_on_in_its_new_mode_and_one_that_is_dropped_b
 @on("Nonexistent")
 def test_code_that_is_not_there_is_reported(hosted: Hosted) -> None:
     hosted.start(CONTROL)
-    assert hosted.next() == ImagesMissing(frozenset({hosted.entries[CONTROL].image}))
+    missing = hosted.next()
+    assert isinstance(missing, ImagesMissing)
+    ((image, reason),) = missing.images.items()
+    assert image == hosted.entries[CONTROL].image
+    assert reason.startswith("the code cannot be imported: ")
     event = hosted.next()
     assert isinstance(event, StartFailed)
     assert "no class Nonexistent" in event.reason

@@ -70,10 +70,12 @@ class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
         term: int = TERM,
         memory: Memory = NOTHING,
         key: Key | None = None,
+        reads_objects: bool = False,
     ) -> None:
         self.spec = spec or two_tails()
         self.memory, now_ns = replace(memory, term=max(memory.term, term - 1)), 1_000 * MS  # as a journal would have it
-        super().__init__(ManagerCore(self.spec, node, self.memory, now_ns, key=key), now_ns)
+        core = ManagerCore(self.spec, node, self.memory, now_ns, key=key, reads_objects=reads_objects)
+        super().__init__(core, now_ns)
         self.core: ManagerCore
         self.node = node
         self.events: list[dict[str, Any]] = []

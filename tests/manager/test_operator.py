@@ -142,6 +142,7 @@ def test_the_status_tells_what_runs_what_is_served_and_which_phases_no_pe_watche
         "losses": 0,
         "held_down_for_ns": None,
         "authentic": None,
+        "standstills": None,
     }
     assert told["functions"]["elevator"]["served"]
     assert told["buses"]["can0"]["bits_per_s"] == 0

@@ -252,6 +252,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "doctor": ["doctor", "nosuch"],
     "manager": ["manager", "nosuch", "-i", "virtual"],
     "demo": ["demo", "nosuch"],
+    "module": ["module", "try", "nosuch:Speed"],
     "replay": ["replay", "nosuch.log", "nosuch"],
     "dbc": ["dbc", "nosuch"],
     # the same of other files and names
@@ -260,6 +261,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "explain": ["explain", "nosuch"],
     "status": ["status", "--of", "nosuch"],
     "fail": ["fail", "--of", "nosuch", "pe:nav"],
+    "traceback": ["traceback", "--of", "nosuch", "module:autopilot"],
     "clear": ["clear", "--of", "nosuch", "pe:nav"],
     "phase": ["phase", "--of", "nosuch", "glide"],
     "unlock": ["unlock", "--of", "nosuch", "pe:nav"],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from heronry_tools.runtime.demo.fleet import run_folder
+from heronry_tools.runtime.demo.fleet import keep_logs, run_folder
 
 
 @pytest.fixture
@@ -40,3 +40,19 @@ def test_only_what_a_dead_run_left_here_is_swept_away(home: Path) -> None:
 
 def test_no_other_user_may_read_it(home: Path) -> None:
     assert run_folder().stat().st_mode & 0o777 == 0o700
+
+
+def test_kept_logs_stay_and_only_a_few_runs_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for number in range(8):
+        folder = tmp_path / f"heronry-logs-{os.getuid()}-{number}"
+        folder.mkdir()
+        os.utime(folder, (number, number))
+    folder = run_folder()
+    (folder / "nav.log").write_text("its last words")
+    (folder / "can0.sock").write_text("")
+    kept = keep_logs(folder)
+    assert [file.name for file in kept.iterdir()] == ["nav.log"]
+    assert (kept / "nav.log").read_text() == "its last words"
+    left = {one.name.rpartition("-")[2] for one in tmp_path.glob("heronry-logs-*")}
+    assert left == {"4", "5", "6", "7", str(os.getpid())}

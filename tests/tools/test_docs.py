@@ -88,6 +88,7 @@ RULES = [
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key", How.RUN),
+    Rule(r"heronry module try state_estimator .*", How.RUN),
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),
     Rule(r"python -m lab\.benches\.reaction --write .*", How.RUN),
@@ -101,7 +102,9 @@ RULES = [
     Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus\b.*", How.RUN),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
-        r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py gives it to a manager"
+        r"heronry (status|phase|fail|clear|unlock|traceback)\b.*",
+        How.EXEMPT,
+        "tests/live/test_operator.py gives it to a manager",
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),

@@ -13,8 +13,9 @@ from can.broadcastmanager import ThreadBasedCyclicSendTask
 from heronry_dg.loader import load
 from heronry_tools.cli import main
 from heronry_tools.commands.doctor import _listen
+from heronry_tools.runtime import wake_ups
 from heronry_tools.runtime.doctor import computer
-from heronry_tools.runtime.doctor.computer import assess_computer
+from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups
 from heronry_tools.runtime.doctor.finding import Finding
 from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
@@ -56,6 +57,24 @@ SPEC = Expected("small", "ab" * 32, 1_000_000, {92: "nose", 93: "tail"})
 
 def wrong(findings: Iterator[Finding]) -> dict[str, str]:
     return {finding.check: finding.remedy for finding in findings if finding.remedy is not None}
+
+
+@pytest.fixture(autouse=True)
+def _a_computer_that_is_never_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wake_ups, "latest_wake_up_ns", lambda *_: 1_000_000)
+
+
+# The computer
+
+
+def test_a_computer_that_is_late_by_more_than_a_heartbeat_is_not_right() -> None:
+    in_time, late = assess_wake_ups(7_000_000, 20_000_000), assess_wake_ups(62_000_000, 20_000_000)
+    assert in_time.is_right
+    assert in_time.says.endswith("a node runs up to 7.0 ms late here: it can keep a heartbeat of 20 ms")
+    assert late.says.endswith("62.0 ms late here: it may miss a heartbeat of 20 ms, and be called lost")
+    assert late.remedy is not None
+    assert "heartbeat_ms: 160" in late.remedy
+    assert assess_wake_ups(62_000_000, 80_000_000).is_right
 
 
 # The interface

@@ -112,15 +112,41 @@ def test_a_module_is_built_anew_when_it_is_started_again() -> None:
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("Raising", "ZeroDivisionError: of all things"), ("Wrong", "the module's step gave int, not a mapping")],
+    [
+        ("Raising", "ZeroDivisionError: of all things (modules_for_host.py:40)"),
+        ("Wrong", "the module's step gave int, not a mapping"),
+    ],
 )
 def test_what_a_step_does_wrong_is_one_line(name: str, reason: str) -> None:
-    assert Hosted(name).step() == StepFailed(MODULE, 1, reason)
+    answer = Hosted(name).step()
+    assert isinstance(answer, StepFailed)
+    assert answer.reason == reason
+
+
+def test_an_exception_has_a_traceback_that_begins_in_the_module() -> None:
+    answer = Hosted("Raising").step()
+    assert isinstance(answer, StepFailed)
+    first, place, *_ = answer.traceback.splitlines()
+    assert first == "Traceback (most recent call last):"
+    assert "modules_for_host.py" in place
+    assert answer.traceback.endswith("ZeroDivisionError: of all things\nand a second line\n")
+
+
+def test_the_place_of_an_exception_is_in_the_file_of_the_module_also_if_a_library_raises() -> None:
+    answer = Hosted("Reading").step()
+    assert isinstance(answer, StepFailed)
+    assert answer.reason.startswith("JSONDecodeError: Expecting value")
+    assert "(modules_for_host.py:" in answer.reason
+
+
+def test_an_exception_that_cannot_be_described_is_named() -> None:
+    assert Hosted("Unspeakable").step() == StepFailed(MODULE, 1, "Unspeakable_")
 
 
 def test_a_module_that_cannot_be_built_is_one_line_and_cannot_be_stepped() -> None:
     hosted = Hosted("Unbuildable")
-    assert hosted.started == StartFailed(MODULE, "MemoryError")
+    assert isinstance(hosted.started, StartFailed)
+    assert hosted.started.reason == "MemoryError (modules_for_host.py:45)"
     assert isinstance(hosted.step(), StepFailed)
 
 

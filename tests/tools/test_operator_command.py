@@ -55,6 +55,11 @@ def test_an_order_prints_what_is_done(manager: OneManager, capsys: pytest.Captur
     assert printed.err == ""
 
 
+def test_a_traceback_that_nobody_knows_is_one_sentence(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["traceback", "module:control"]) == 1
+    assert "no failure of module:control is known to this manager" in capsys.readouterr().err
+
+
 def test_nothing_is_locked_without_a_key(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["unlock", "pe:left"]) == 1
     assert "this manager has no key" in capsys.readouterr().err

@@ -7,10 +7,14 @@ import pytest
 from heronry_manager.core.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
 from heronry_tools.reports.status import report
 from heronry_wire.authentication import Key
+from heronry_wire.canopen_objects import MODULE_FAILURES
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkState
+from heronry_wire.management import FaultCode
+from heronry_wire.standstill import StoodStill
 from heronry_wire.state_frames import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
+from manager.test_pe_details import LEFT, Reading
 from manager.test_radio_links import Flight
 from manager.test_standby import standing_by
 
@@ -53,6 +57,24 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
     assert lines[1] == "no phases; epoch 1 is done; a plan is being made"
     assert lines[2] == "! device:servo_left counts as failed, reported by the operator (0 s ago)"
     assert lines[6].startswith("  right        returning  UNCONFIGURED: it rebooted (incarnation 2); it joins in 0.")
+
+
+def test_failures_of_modules_and_standstills_of_computers_are_shown() -> None:
+    manager = Reading()
+    manager.start()
+    manager.objects[LEFT, MODULE_FAILURES, 1] = b"ValueError: no (control.py:3)"
+    manager.emcy(FaultCode.MODULE_RESTARTED, 0, 1)
+    manager.give(StoodStill(140 * MS))
+    manager.counters(2, 90)
+    told(manager)  # reads the counters anew
+    lines = told(manager)
+    assert lines[2:4] == [
+        "! the computer of this manager stood still once, for up to 140 ms",
+        "! module:control failed on left, 0 s ago: ValueError: no (control.py:3)",
+    ]
+    assert lines[5] == (
+        "  left         up         ACTIVE in epoch 1; its computer stood still 30 times, for up to 200 ms"
+    )
 
 
 def test_a_standby_manager_knows_no_plan_and_names_the_active_one() -> None:

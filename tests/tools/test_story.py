@@ -280,6 +280,51 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
     assert stamps == ["[ start  ] ", "[  0.00 s] ", "[  0.01 s] "]
 
 
+# The computer on which it runs
+
+
+@pytest.mark.parametrize(
+    ("told", "sentence"),
+    [
+        (
+            event("stood_still", 0, by="manager 126", for_ns=140 * MS, times=1),
+            "this computer stood still for 140 ms (manager 126 noticed it): what follows may be its doing",
+        ),
+        (
+            event("stood_still", 0, by="the demo", for_ns=140 * MS, times=3),
+            "this computer stood still for 140 ms (the demo noticed it): what follows may be its doing",
+        ),
+        (
+            event("stood_still", 0, by="tail_pe", for_ns=90 * MS, times=1),
+            "the computer of tail_pe stood still for 90 ms (once so far): if tail_pe was lost, that may be its doing",
+        ),
+        (
+            event("stood_still", 0, by="nav", for_ns=90 * MS, times=2),
+            "the computer of nav stood still for 90 ms (2 times so far): if nav was lost, that may be its doing",
+        ),
+        (
+            event("heartbeat", 0, late_ns=7 * MS, period_ns=20 * MS, of_spec_ns=20 * MS),
+            "processes run up to 7 ms late on this computer now: it can keep the heartbeat of 20 ms",
+        ),
+        (
+            event("heartbeat", 0, late_ns=61 * MS, period_ns=160 * MS, of_spec_ns=20 * MS),
+            (
+                "processes run up to 61 ms late on this computer now: the demo flies with a heartbeat of 160 ms, "
+                "and not 20 ms as in the spec"
+            ),
+        ),
+        (event("logs", 0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
+        (event("logs", 0, folder="/tmp/f", kept=True), "the logs of this run stay in /tmp/f"),
+        (
+            event("module_failed", 0, element="module:servo", by="tail_pe", text="ValueError: no (servo.py:3)"),
+            "module:servo on tail_pe: ValueError: no (servo.py:3)",
+        ),
+    ],
+)
+def test_what_the_computer_does_is_told(told: dict[str, Any], sentence: str) -> None:
+    assert [line.text for line in Story(ELEVATOR).tell(told)] == [f"[ start  ] {sentence}"]
+
+
 def test_every_sentence_names_fields_that_its_event_has() -> None:
     for kind, (sentence, _) in _SENTENCES.items():
         assert set(re.findall(r"{(\w+)", sentence)) <= set(re.findall(r"\w+", KINDS[kind]))

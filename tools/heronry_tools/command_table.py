@@ -49,6 +49,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("pcs", "component graphs: what controls what, scripts that rewire it"),
     ),
     "try": (
+        Command("module", "let the code of a module compute some steps, without a bus"),
         Command("sim", "fly in virtual time with drawn faults, and check each flight"),
         Command("scenario", "fly a written story, and check what it expects"),
         Command("exhaust", "one fault at every message of every reconfiguration"),
@@ -70,6 +71,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     ),
     "watch": (
         Command("status", "what the manager on this computer knows", "operator"),
+        Command("traceback", "the traceback of a module's last failure", "operator"),
         Command("replay", "a recorded bus through the manager again: why it decided so"),
         Command("dbc", "a DBC with which cantools decodes the bus"),
         Command("eds", "an EDS with which CANopen tools read a PE"),

@@ -24,6 +24,8 @@ KINDS: Mapping[str, str] = {
     "pe_heard_again": "pe, cause: a hold-down begins",
     "pe_joined": "pe, cause: the PE is available from now on",
     "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
+    "module_failed": "element, by, text: why, as the PE gives it by SDO: exception, message, file and line",
+    "stood_still": "by (a PE, a manager, the demo), for_ns, times: it could not run for more than a period",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element no longer counts as failed",
     "link_limited": "bus, by, share: plans use this share of a radio's bandwidth from now on, as its gateway reports",
@@ -61,6 +63,8 @@ KINDS: Mapping[str, str] = {
     "planned_ahead": "sentence: plans for single faults that are made behind a demo, for the next one",
     "orders": "flags: with these the operator's commands reach the manager of the demo",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
+    "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
+    "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",
 }

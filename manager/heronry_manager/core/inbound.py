@@ -6,6 +6,7 @@
     command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since a proven
                            ACTIVATE or LEASE names their digest
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
+    SDO answer of a PE     `pe_details`, if the manager reads objects; nothing proves it, and nothing is decided by it
     request of any node    to identify the manager (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
@@ -18,7 +19,7 @@ from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.succession import Succession
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
-from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, sdo_response_id, state_id
 from heronry_wire.management import ElementKind, Emergency, decode_command, decode_emergency
 from heronry_wire.sansio import Received
 from heronry_wire.state_frames import StatePage0, decode_state
@@ -37,6 +38,7 @@ class Inbound:
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
+        self._node_of_sdo_id = {sdo_response_id(pe.node_id): pe.node_id for pe in pes if settings.reads_objects}
         followed = {*Command} if settings.standby or settings.advise else {Command.LEASE}
         if settings.key is not None:
             followed |= {Command.CONTROL, Command.TAG}
@@ -52,6 +54,7 @@ class Inbound:
             or identifier in self._manager_ids
             or identifier in self._known.situation.links.records
             or identifier == REQUEST_ID
+            or identifier in self._node_of_sdo_id
         )
 
     def take(self, frame: Frame) -> None:
@@ -67,6 +70,8 @@ class Inbound:
             self._reactions.take(self._known.situation.link_reported(frame))
         elif frame.can_id == REQUEST_ID:
             self.identification.asked(0, frame, self._turn.now_ns)
+        elif frame.can_id in self._node_of_sdo_id:
+            self._known.details.reader.heard(self._node_of_sdo_id[frame.can_id], frame.data, self._turn.now_ns)
         elif frame.can_id in self._manager_ids:
             self._command(*self._manager_ids[frame.can_id], frame)
 

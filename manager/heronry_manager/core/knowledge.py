@@ -10,6 +10,7 @@ up in it at each call what is known now.
     advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does
     authenticity    with a key: what has been proven; else None
+    details         what PEs keep for people; nothing is decided by it, and it is not forgotten
 """
 
 from heronry_manager.core.advice import Advice
@@ -20,6 +21,7 @@ from heronry_manager.core.following import Following
 from heronry_manager.core.health import Health
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.pe_details import PeDetails
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.sansio import require
@@ -30,6 +32,7 @@ class Knowledge:
 
     def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
         self._settings, self._turn, self._claim = settings, turn, claim
+        self.details = PeDetails(settings, turn, claim)
         self.begin()
 
     def begin(self) -> None:

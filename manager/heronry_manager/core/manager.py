@@ -37,6 +37,7 @@ from heronry_manager.core.numbering import next_term
 from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.operator_orders import OperatorOrders
 from heronry_manager.core.parts import Parts
+from heronry_manager.core.pe_details import Look
 from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.status import status
@@ -45,7 +46,12 @@ from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import (
     AliveLeft,
     AskStatus,
+    AskTraceback,
     ChannelsLost,
+    ClearElement,
+    DriverEvent,
+    EnterPhase,
+    FailElement,
     JournalTold,
     ManagerAction,
     ManagerEvent,
@@ -53,11 +59,13 @@ from heronry_manager.core.vocabulary import (
     PlanFailed,
     PlanReady,
     Reply,
+    UnlockPe,
 )
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.protocol_times import START_UP_WINDOW_NS, late_ns
 from heronry_wire.sansio import NEVER_NS, Received, Tick
+from heronry_wire.standstill import StoodStill
 
 
 class ManagerCore:
@@ -76,20 +84,24 @@ class ManagerCore:
         key: Key | None = None,
         standby: bool = False,
         tells_departures: bool = False,
+        reads_objects: bool = False,
     ) -> None:
         """Start listening at `now_ns` with what is remembered of this spec; `ManagerSettings` explains the options.
 
         Raises NoTermError where all terms have been used.
         """
-        settings = ManagerSettings(spec, node, window_ns, advise, on_board, key, standby, tells_departures)
+        settings = ManagerSettings(
+            *(spec, node, window_ns, advise, on_board, key, standby, tells_departures, reads_objects)
+        )
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
+        self.heartbeat_ns = settings.bus.heartbeat_ns  # of the manager's bus
         self.lease_ns = settings.lease_ns  # T_lease; the driver drops a frame that could not be sent for so long
         self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, without a pause
         turn = self._turn = Turn(node, now_ns, term=next_term(node, memory.term), memory=memory, silent=advise)
         parts = Parts(settings, turn)
         self._claim, self._known, self._beat = parts.claim, parts.known, parts.beat
-        self._replanning, self._reactions = parts.replanning, parts.reactions
+        self._replanning, self._reactions, self._details = parts.replanning, parts.reactions, parts.known.details
         self._succession = Succession(parts)
         self._inbound = Inbound(parts, PeReports(parts), self._succession)
         self._orders = OperatorOrders(settings, turn, parts.known)
@@ -138,14 +150,17 @@ class ManagerCore:
             case PlanFailed():
                 self._replanning.failed(event)
             case OperatorSaid():
-                self._turn.ask(self._accept(event))
-            case JournalTold() | AliveLeft() | ChannelsLost():  # pragma: no branch - nothing else is left
+                self._turn.ask(*self._accept(event))
+            case (
+                JournalTold() | AliveLeft() | ChannelsLost() | StoodStill()
+            ):  # pragma: no branch - nothing else is left
                 self._driver_told(event)
         if self._claim.state is Mastership.STANDBY and self._known.following.is_orphaned():
             self._succession.take_over()
         if self._claim.is_active:
             self._beat.leave_out()
             self._replanning.advance()
+        self._details.end_of_step()
         return self._turn.end()
 
     def next_deadline_ns(self) -> int | None:
@@ -160,6 +175,7 @@ class ManagerCore:
             other_ns = known.following.next_deadline_ns()
         else:
             due_ns = min(due_ns, self._beat.beacon.next_ns, known.deployment.next_deadline_ns())
+            due_ns = min(due_ns, self._details.reader.next_ns)
             other_ns = self._replanning.planning.again_ns
         if other_ns is not None:
             due_ns = min(due_ns, other_ns)
@@ -190,31 +206,55 @@ class ManagerCore:
             if self._beat.is_due():
                 self._beat.beat()
             self._replanning.tick()
+            self._details.reader.tick(now_ns)
 
-    def _accept(self, said: OperatorSaid) -> Reply:
+    def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
         """Execute an operator's order; before the start of a term only the status is given."""
         if isinstance(said.order, AskStatus):
-            return Reply(said.number, done=True, sentence="", status=self.status())
+            return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
+        if isinstance(said.order, AskTraceback):
+            self._ask_traceback(said.number, said.order.element)
+            return ()
+        return (self._execute(said.number, said.order),)
+
+    def _execute(self, number: int, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._known.following.node}"
-            return Reply(said.number, done=False, sentence=f"this manager only stands by: {where}")
+            return Reply(number, done=False, sentence=f"this manager only stands by: {where}")
         if self._claim.state is Mastership.LISTENING:
-            return Reply(said.number, done=False, sentence="the manager has just started and still listens: try again")
-        outcome = self._orders.accept(said.order)
+            return Reply(number, done=False, sentence="the manager has just started and still listens: try again")
+        outcome = self._orders.accept(order)
         self._reactions.take(outcome.changes)
         if outcome.command is not None:
             self._turn.send(Command.CONTROL, outcome.command)
         self._beat.look()
-        return Reply(said.number, outcome.done, outcome.sentence)
+        return Reply(number, outcome.done, outcome.sentence)
 
-    def _driver_told(self, event: JournalTold | AliveLeft | ChannelsLost) -> None:
+    def _status_for_operator(self) -> dict[str, Any]:
+        """Give the status, and read the standstills of the PEs anew, for the next one."""
+        for pe in self._settings.spec.pes:
+            if self._known.health.is_available(pe):
+                self._details.look_at_standstills(pe, Look.SHOW)
+        return self.status()
+
+    def _ask_traceback(self, number: int, element: str) -> None:
+        """Answer when the PE has given the traceback, or has not."""
+
+        def answer(text: str | None, why_not: str) -> None:
+            self._turn.ask(Reply(number, done=text is not None, sentence=why_not if text is None else text))
+
+        self._details.traceback(element, answer)
+
+    def _driver_told(self, event: DriverEvent) -> None:
         match event:
             case JournalTold(problem):
                 self._journal_told(problem)
             case AliveLeft(frame):
                 self._beat.alive_left(frame)
-            case ChannelsLost(channels):  # pragma: no branch - nothing else is left
+            case ChannelsLost(channels):
                 self._known.situation.channels.own(channels)
+            case StoodStill():  # pragma: no branch - nothing else is left
+                self._details.stood_still(event)
 
     def _journal_told(self, problem: str | None) -> None:
         before, self._journal_problem = self._journal_problem, problem
@@ -234,6 +274,7 @@ class ManagerCore:
             "planning": self._replanning.planning.waiting,
             "journal": self._journal_problem,
             "key": None if key is None else key.fingerprint,
+            "standstills": self._details.own_standstills(),
         }
         return status(
             self._settings.spec,
@@ -244,4 +285,5 @@ class ManagerCore:
             deployment=known.deployment,
             unknown_epoch=None if self._claim.state is Mastership.STANDBY else known.unknown_epoch(),
             authenticity=known.authenticity,
+            details=self._details,
         )

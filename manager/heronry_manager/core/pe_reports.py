@@ -84,6 +84,9 @@ class PeReports:
             changes = self._known.situation.requested(pe, emergency)
         if changes is None:
             return
+        element = self._known.situation.failed.element(emergency.kind, emergency.index)
+        if emergency.kind is ElementKind.MODULE and element is not None:
+            self._known.details.failed(pe, element, emergency)
         self._reactions.take(changes)
         if emergency.kind is ElementKind.PHASE:  # the PE forgets an acknowledged request
             self._beat.tell_phase()

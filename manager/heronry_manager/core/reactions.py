@@ -7,7 +7,8 @@ each change, in the order in which they came:
     lost, rebooted, failed       ALIVE leaves the PE out immediately, `exclusion` works out until when it may still
                                  drive outputs, epochs no longer wait for it, and a plan without it is needed
     absent, joined               a plan is needed
-    answered, heard again        only an event: the PE is still available, or not yet
+    answered, heard again        only an event: the PE is still available, or not yet. `pe_details` looks whether its
+                                 computer stood still
     any other                    as `known_situation` says
 
 A PE that does not execute its commands is failed, with the cause in words. No change comes twice, since `health` and
@@ -22,6 +23,7 @@ from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.known_situation import LimitChanged, ModuleReleased, PlanNeeded, SituationChange
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.memory import Quarantined, Released
+from heronry_manager.core.pe_details import Look
 from heronry_manager.core.replanning import Replanning
 from heronry_manager.core.turn import Turn
 
@@ -70,6 +72,7 @@ class Reactions:
                     self._beat.ping(pe)
             case Change.ANSWERED:
                 turn.emit("pe_answered", pe=pe)
+                self._known.details.look_at_standstills(pe, Look.TELL)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
                 self._lost(change)
             case Change.ABSENT:
@@ -77,10 +80,12 @@ class Reactions:
                 self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}"))
             case Change.HEARD_AGAIN:
                 turn.emit("pe_heard_again", pe=pe, cause=change.cause)
+                self._known.details.look_at_standstills(pe, Look.TELL)
             case Change.JOINED:  # pragma: no branch - nothing else is left
                 if pe in turn.memory.quarantined:
                     turn.keep(Released(pe))
                 turn.emit("pe_joined", pe=pe, cause=change.cause)
+                self._known.details.look_at_standstills(pe, Look.BEGIN)
                 self._known.deployment.observed.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 

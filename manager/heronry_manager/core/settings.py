@@ -18,7 +18,7 @@ class ManagerSettings:
     PEs that hold their part of the contingency file can be switched by number. key: of the fleet; with a key every
     command is tagged, and the manager believes nothing without a tag. standby: the manager stands by while another one
     is active, instead of ending. tells_departures: the driver reports when an ALIVE is on the bus; else each ALIVE
-    counts as there immediately.
+    counts as there immediately. reads_objects: the manager reads by SDO what PEs keep for people (`pe_details`).
     """
 
     spec: Spec
@@ -29,6 +29,7 @@ class ManagerSettings:
     key: Key | None = None
     standby: bool = False
     tells_departures: bool = False
+    reads_objects: bool = False
 
     @property
     def bus(self) -> Bus:

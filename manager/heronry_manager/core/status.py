@@ -4,13 +4,15 @@ A pure function of the parts of the core. The document is versioned; a later ver
 
     v, spec, spec_digest, phase, epoch, stage
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
-                    or null)
+                    or null), standstills (times, long_times, last_long_ms, longest_ms)
     next            epoch that is being prepared, or null
     unknown_epoch   newest epoch that PEs run, if this manager does not know its configuration; then `epoch` is null.
                     Else null, also while the manager stands by
     pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them)
+                    (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them),
+                    standstills (as last read from the PE; null: not read yet)
     latched         list of element, by, code, detail, for_ns
+    failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
@@ -29,6 +31,7 @@ from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.health import Health
 from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.pe_details import PeDetails
 from heronry_manager.core.radio_links import LinkRecord
 
 VERSION = 1
@@ -44,6 +47,7 @@ def status(
     deployment: Deployment,
     unknown_epoch: int | None,
     authenticity: Authenticity | None = None,
+    details: PeDetails,
 ) -> dict[str, Any]:
     """Build the document; `manager` is the part on the manager itself."""
     current, plan, phase = deployment.current, deployment.plan, situation.phase
@@ -57,11 +61,15 @@ def status(
         "stage": None if current is None else current.stage.value,
         "next": None if deployment.next is None else deployment.next.epoch,
         "unknown_epoch": unknown_epoch,
-        "pes": {pe: _pe(pe, now_ns, health, deployment, authenticity) for pe in spec.pes},
+        "pes": {
+            pe: {**_pe(pe, now_ns, health, deployment, authenticity), "standstills": details.standstills(pe)}
+            for pe in spec.pes
+        },
         "latched": [
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
             for f in situation.failed.all()
         ],
+        "failures": details.failures(),
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
         "functions": {f.name: _function(f, phase, plan, unknown_epoch) for f in spec.functions.values()},

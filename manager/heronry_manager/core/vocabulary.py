@@ -14,6 +14,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.memory import Record
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.standstill import StoodStill
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,13 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True)
+class AskTraceback:
+    """The operator wants the traceback of the last failure of a module (`module:NAME`); the answer may take seconds."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
 class EnterPhase:
     """The operator orders this mission phase."""
 
@@ -129,12 +137,12 @@ class AskStatus:
     """The operator requests the status."""
 
 
-Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
+Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus | AskTraceback
 
 
 @dataclass(frozen=True, slots=True)
 class OperatorSaid:
-    """An order; answered in the same call by one Reply with the same number."""
+    """An order; answered by one Reply with the same number, in the same call unless it is AskTraceback."""
 
     number: int
     order: Order
@@ -150,5 +158,6 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold | ChannelsLost | AliveLeft
+DriverEvent = JournalTold | ChannelsLost | AliveLeft | StoodStill
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | DriverEvent
 ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop

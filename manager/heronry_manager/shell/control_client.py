@@ -8,18 +8,22 @@ import os
 import socket
 from pathlib import Path
 
-from heronry_manager.core.vocabulary import Order
+from heronry_manager.core.vocabulary import AskTraceback, Order
 from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
 from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
 
+TRACEBACK_PATIENCE_S = 30.0  # for a traceback that a PE gives on a slow bus, of which it may use a tenth
+
+
 def call(path: Path, order: Order) -> Answer:
     """Give an order to the manager on a socket; raises ControlError if no manager of this user answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.settimeout(PATIENCE_S)
+        patience_s = TRACEBACK_PATIENCE_S if isinstance(order, AskTraceback) else PATIENCE_S
+        line.settimeout(patience_s)
         try:
             line.connect(str(path))
             _expect_own_process(line, path)
@@ -27,7 +31,7 @@ def call(path: Path, order: Order) -> Answer:
             with line.makefile("rb") as replies:
                 answer = read_answer(replies.readline())
         except TimeoutError:
-            raise ControlError(f"the manager on {path} does not answer within {PATIENCE_S:.0f} s: restart it") from None
+            raise ControlError(f"the manager on {path} does not answer within {patience_s:.0f} s: restart it") from None
         except (FileNotFoundError, ConnectionError):
             raise ControlError(f"no manager listens on {path}: start one with 'heronry manager SPEC'") from None
         except OSError as error:

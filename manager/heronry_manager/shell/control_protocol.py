@@ -5,6 +5,7 @@
     {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ..."}
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}
+    {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
 
 Every request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
 """
@@ -14,16 +15,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, UnlockPe
+from heronry_manager.core.vocabulary import (
+    AskStatus,
+    AskTraceback,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    Order,
+    UnlockPe,
+)
 
 VERSION = 1
 LONGEST_ORDER_BYTES = 4096
 
-_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe]] = {
+_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | AskTraceback]] = {
     "phase": EnterPhase,
     "fail": FailElement,
     "clear": ClearElement,
     "unlock": UnlockPe,
+    "traceback": AskTraceback,
 }
 
 
@@ -49,6 +59,8 @@ def order_line(order: Order) -> bytes:
             return _line({"v": VERSION, "do": "clear", "what": element})
         case UnlockPe(element):
             return _line({"v": VERSION, "do": "unlock", "what": element})
+        case AskTraceback(element):
+            return _line({"v": VERSION, "do": "traceback", "what": element})
 
 
 def read_order(line: bytes) -> Order | str:

@@ -45,6 +45,7 @@ from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.service_manager import ServiceManager
+from heronry_wire.standstill import LatenessMeter
 
 # The manager receives commands, EMCYs, states, and the echoes of its own frames (a filter holds back echoes too), but
 # no data, which is most of the traffic.
@@ -52,6 +53,8 @@ FILTERS = (
     {"can_id": REQUEST_ID, "can_mask": 0x7FE, "extended": False},  # 128 and 129: node services, channel 0
     {"can_id": 0x0C0, "can_mask": 0x7C0, "extended": False},  # 192..255
     {"can_id": 0x100, "can_mask": 0x7C0, "extended": False},  # 256..319
+    {"can_id": 0x5C0, "can_mask": 0x7C0, "extended": False},  # SDO answers of nodes 64..127
+    {"can_id": 0x640, "can_mask": 0x7C0, "extended": False},  # SDO requests to them
     *({"can_id": heartbeat_id(node), "can_mask": 0x7FF, "extended": False} for node in MANAGER_NODES),
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
@@ -82,6 +85,7 @@ class ManagerDriver:
         self._lost_channels: frozenset[int] = frozenset()  # as the core knows them
         self._said: deque[Frame] = deque()  # ALIVEs on the bus of which the core does not know yet
         self._link.on_departure = self._departed
+        self._meter = LatenessMeter(core.heartbeat_ns, time.monotonic_ns(), time.thread_time_ns())
         self._stop_reason: str | None = None
         self._stopping = False
 
@@ -94,9 +98,11 @@ class ManagerDriver:
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
+            self._meter.waits(self._core_due_ns())
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
+            self._measure_lateness(time.monotonic_ns())
             self._take_frames()
             for answer in self._planners.poll():
                 self._step(answer)
@@ -122,12 +128,20 @@ class ManagerDriver:
             self._step(JournalTold(self._journal_problem))
 
     def _wait_s(self) -> float | None:
-        deadlines = [self._link.next_deadline_ns()]
-        core_ns = self._core.next_deadline_ns()
-        if core_ns is not None and self._frozen_ns is None:
-            deadlines.append(core_ns + self._stood_still_ns)
+        deadlines = [self._link.next_deadline_ns(), self._core_due_ns()]
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
+
+    def _core_due_ns(self) -> int | None:
+        """Give the core's deadline on this computer's clock; None: it has none, or its clock stands still."""
+        core_ns = self._core.next_deadline_ns()
+        return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
+
+    def _measure_lateness(self, now_ns: int) -> None:
+        """Hand a standstill of this computer to the core, before anything that may follow from it."""
+        stood_still = self._meter.woke(now_ns, time.thread_time_ns())
+        if stood_still is not None:
+            self._step(stood_still)
 
     def _now_ns(self) -> int:
         """Give the time on the core's clock, in nanoseconds."""

@@ -57,6 +57,9 @@ from heronry_agent.core.vocabulary import (
 from heronry_agent.core.without_manager import WithoutManager
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, Received, Tick, require
+from heronry_wire.standstill import StoodStill
+
+_NS_PER_MS = 1_000_000
 
 
 class AgentCore:
@@ -80,8 +83,9 @@ class AgentCore:
         followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
         Raises TableError where the table contradicts itself.
         """
-        turn, index = Turn(now_ns), TableIndex(table)
+        index = TableIndex(table)
         uplink = table.ports[index.uplink]
+        turn = Turn(now_ns, uplink.heartbeat_ns)
         gateway = Gateway(index)
         self._turn = turn
         self.lease_ns = index.lease_ns  # T_lease
@@ -221,17 +225,24 @@ class AgentCore:
                 self._images_missing(event)
             case Left(port, took_ns):
                 self._radios.ports[port].left(took_ns)
-            case ChannelsLost(port, channels):  # pragma: no branch - frames do not come here
+            case ChannelsLost(port, channels):
                 self._channels.told(port, channels)
+            case StoodStill():  # pragma: no branch - frames do not come here
+                self._stood_still(event)
         if self._turn.now_ns >= self.modules.next_ns:
             self.modules.tick()
             self.modules.release()
 
+    def _stood_still(self, event: StoodStill) -> None:
+        """Count a standstill of this computer, and note a long one."""
+        if self._turn.standstills.count(event, self._turn.now_ns):
+            self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
+
     def _images_missing(self, event: ImagesMissing) -> None:
         """Note images that cannot be loaded: from now on, slices that name one are refused."""
-        self.staging.reader.missing_images |= event.images
-        for image in sorted(event.images):
-            self._turn.note("image", f"{image} cannot be run here")
+        self.staging.reader.missing_images |= event.images.keys()
+        for image, reason in sorted(event.images.items()):
+            self._turn.note("image", f"{image} cannot be run here: {self.modules.cannot_run(image, reason)}")
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:

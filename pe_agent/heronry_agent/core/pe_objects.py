@@ -21,17 +21,20 @@ from heronry_agent.core.reporting import Facts
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import Failure
 from heronry_wire.canopen_objects import (
     COUNTERS,
     ERROR_HISTORY,
     ERROR_REGISTER,
     HEARTBEAT_TIME,
     MASTERSHIP,
+    MODULE_FAILURES,
     MODULE_IMAGES,
     MODULE_INDICES,
     MODULE_MODES,
     MODULE_NAMES,
     MODULE_STATES,
+    MODULE_TRACEBACKS,
     PROGRAM_CONTROL,
     SPEC,
     STATE,
@@ -45,6 +48,7 @@ from heronry_wire.sdo import Abort
 from heronry_wire.state_frames import PeFlags
 
 _NOT_WANTED, _RUNNING, _HELD, _FAILED, _NOT_STARTED = range(5)
+_NS_PER_MS = 1_000_000
 _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 
@@ -95,6 +99,10 @@ class PeObjects:
                 (MASTERSHIP, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),
                 (COUNTERS, 1): lambda: sum(self._parts.turn.counts.values()),
                 (COUNTERS, 2): lambda: sum(self._parts.modules.schedule.overruns.values()),
+                (COUNTERS, 3): lambda: self._parts.turn.standstills.times,
+                (COUNTERS, 4): lambda: self._parts.turn.standstills.long_times,
+                (COUNTERS, 5): lambda: self._parts.turn.standstills.last_long_ns // _NS_PER_MS,
+                (COUNTERS, 6): lambda: self._parts.turn.standstills.longest_ns // _NS_PER_MS,
                 (TIME, 1): lambda: self._services.time_stamp,
                 (TIME, 2): lambda: self._services.time_age_ms(self._parts.turn.now_ns),
             },
@@ -105,6 +113,8 @@ class PeObjects:
                 MODULE_IMAGES: lambda: [entry.image for entry in self._entries],
                 MODULE_STATES: lambda: [self._module_state(entry.index) for entry in self._entries],
                 MODULE_MODES: lambda: [self._module_mode(entry.index) for entry in self._entries],
+                MODULE_FAILURES: lambda: [self._failure(entry.index).reason for entry in self._entries],
+                MODULE_TRACEBACKS: lambda: [self._failure(entry.index).traceback for entry in self._entries],
             },
             number_writers={(HEARTBEAT_TIME, 0): self._set_heartbeat, (ERROR_HISTORY, 0): self._forget_errors},
             bytes_writers={(TABLE, 0): self._take_table},
@@ -141,6 +151,9 @@ class PeObjects:
     def _module_mode(self, module: int) -> str:
         mode = self._parts.reconfiguration.live.get(module)
         return "" if mode is None else self._parts.index.modules[module].modes[mode].name
+
+    def _failure(self, module: int) -> Failure:
+        return self._parts.modules.failures.last(module)
 
     def _set_heartbeat(self, time_ms: int) -> Abort | None:
         if not self._network.admits_heartbeat(time_ms):

@@ -23,6 +23,7 @@ it has observed.
 
 from dataclasses import dataclass
 
+from heronry_agent.core.failure_texts import FailureTexts
 from heronry_agent.core.faults import Faults
 from heronry_agent.core.mailboxes import Mailboxes
 from heronry_agent.core.output_authorization import OutputAuthorization
@@ -38,6 +39,7 @@ from heronry_agent.core.vocabulary import (
     DriveFailed,
     Driven,
     EndPartition,
+    Failure,
     MeasureStep,
     NotReady,
     PartitionEnded,
@@ -82,6 +84,7 @@ class RunningModules:
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
         self.restarts = Restarts()
+        self.failures = FailureTexts()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
         self.phase_requests = PhaseRequests(index, self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
@@ -156,10 +159,10 @@ class RunningModules:
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
         except WireError as error:
-            self._failed(event.module, str(error))
+            self._failed(event.module, Failure(str(error)))
         else:
             if self.schedule.overruns_now(event.module):
-                self._give_up(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
+                self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
 
     def driven(self, event: Driven) -> None:
         """Send the echo of a device that has moved."""
@@ -172,18 +175,25 @@ class RunningModules:
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
         """Restart, or stop for good, the modules that a failure of a module or a partition concerns."""
         match event:
-            case StepFailed(module, release, reason):
+            case StepFailed(module, release, reason, traceback):
                 if self.schedule.end(module, release, 0):
-                    self._failed(module, reason)
+                    self._failed(module, Failure(reason, traceback))
                 else:
                     self._turn.count("stale answer", module)
-            case StartFailed(module, reason):
-                self._give_up(module, reason)
+            case StartFailed(module, reason, traceback):
+                self._give_up(module, Failure(reason, traceback))
             case DriveFailed(module, reason):
-                self._failed(module, reason)
+                self._failed(module, Failure(reason))
             case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
                 words = f"partition {partition} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
+
+    def cannot_run(self, image: str, reason: str) -> str:
+        """Keep why the code of an image cannot be imported as the failure of its modules; gives the plain reason."""
+        for entry in self._index.modules.values():
+            if entry.image == image:
+                reason = self.failures.found(entry.index, Failure(reason))
+        return reason
 
     def not_ready(self, event: NotReady) -> None:
         """Make a module due now whose step was given back, so that it gets the present inputs."""
@@ -200,26 +210,27 @@ class RunningModules:
             partition, event.module, f"it hangs, after {event.spent_ns // 1_000_000} ms", FaultCode.MODULE_OVERRUN
         )
 
-    def _failed(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+    def _failed(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Restart a failed module, or give it up."""
         running = self._running.get(module)
         if running is None or module in self.restarts.waiting:
             return
         times = self.restarts.failed(module, running.entry.restarts, self._turn.now_ns)
         if times is None:
-            self._give_up(module, reason, code)
+            self._give_up(module, failure, code)
             return
+        reason = self.failures.found(module, failure)
         self._halt(module)
         self._turn.note(
             "restart", f"module {running.entry.name} begins again, {times} of {running.entry.restarts}: {reason}"
         )
         self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
 
-    def _give_up(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+    def _give_up(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Stop a module that cannot go on, and report it."""
         if not self._reconfiguration.drop(module):
             return
-        name = self._running[module].entry.name
+        name, reason = self._running[module].entry.name, self.failures.found(module, failure)
         self._stop(module)
         self.restarts.forget(module)
         self._take_stock()
@@ -296,7 +307,7 @@ class RunningModules:
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:
             if culprit in (None, module):
-                self._failed(module, reason, code)
+                self._failed(module, Failure(reason), code)
             else:
                 self._halt(module)
                 self.restarts.begin_at(module, self._turn.now_ns)

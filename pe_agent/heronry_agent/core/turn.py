@@ -8,19 +8,26 @@ and the counts are kept from one call to the next.
 from collections import Counter
 
 from heronry_agent.core.vocabulary import Action, Note
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 from heronry_wire.sansio import Withdraw
+from heronry_wire.standstill import Standstills
 
 
 class Turn:
     """The present call of the core."""
 
-    __slots__ = ("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
+    __slots__ = (
+        *("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "standstills"),
+        *("wants_page_0", "wants_page_1"),
+    )
 
-    def __init__(self, now_ns: int) -> None:
+    def __init__(self, now_ns: int, period_ns: int = USUAL_HEARTBEAT_NS) -> None:
+        """period_ns: heartbeat period of the uplink."""
         self.now_ns = now_ns
         self.arrived_ns = now_ns  # arrival of the present frame: before now_ns if the process was paused
         self.held_until_ns = now_ns - 1  # end of the last pause: a frame from before it may be outdated by a later one
         self.counts: Counter[tuple[str, int]] = Counter()  # malformed or refused, by cause and identifier; never reset
+        self.standstills = Standstills(period_ns)
         self.out: list[Action] = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
 

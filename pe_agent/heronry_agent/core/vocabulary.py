@@ -13,6 +13,7 @@ from typing import NamedTuple
 from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
+from heronry_wire.standstill import StoodStill
 
 
 class Stepped(NamedTuple):
@@ -34,21 +35,30 @@ class Stepped(NamedTuple):
     spent_ns: int = 0
 
 
+class Failure(NamedTuple):
+    """How the code of a module has failed: `reason` is one line, `traceback` is empty if no exception was raised."""
+
+    reason: str
+    traceback: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class StepFailed:
-    """A module raised an exception in its step; `reason` is one line."""
+    """A module raised an exception in its step; the texts are those of a `Failure`."""
 
     module: int
     release: int
     reason: str
+    traceback: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class StartFailed:
-    """A module could not be built; `reason` is one line."""
+    """A module could not be built; the texts are those of a `Failure`."""
 
     module: int
     reason: str
+    traceback: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +89,9 @@ class PartitionEnded:
 
 @dataclass(frozen=True, slots=True)
 class ImagesMissing:
-    """The images that cannot be loaded on this PE."""
+    """The images that cannot be loaded on this PE, each with the reason in one line."""
 
-    images: frozenset[str]
+    images: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +196,7 @@ class ChannelsLost(NamedTuple):
 ModuleEvent = (
     Stepped | StepFailed | StartFailed | NotReady | StepMeasured | PartitionEnded | ImagesMissing | Driven | DriveFailed
 )
-Event = Received | Tick | Left | ChannelsLost | ModuleEvent
+Event = Received | Tick | Left | ChannelsLost | StoodStill | ModuleEvent
 Action = (
     Send
     | Withdraw

@@ -43,6 +43,7 @@ from heronry_wire.pe_table import PeTable
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.service_manager import ServiceManager
+from heronry_wire.standstill import LatenessMeter
 
 _NS_PER_S = 1_000_000_000
 _BURSTS = 8  # bursts of 64 frames read in one turn; SocketCAN's default buffer holds fewer
@@ -91,6 +92,7 @@ class AgentDriver:
         self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as last handed to the core
         self._accepted: Collection[int] = ()  # identifiers that the links now receive
         self._until_eof = False
+        self._meter: LatenessMeter
         self._stopping = False
 
     def stop(self) -> None:
@@ -100,11 +102,15 @@ class AgentDriver:
     def run(self, *, until_eof: bool) -> None:
         """Run until `stop` is called, or with `until_eof` until standard input ends."""
         self._until_eof = until_eof
+        period_ns = self._table.ports[self._table.uplink].heartbeat_ns
+        self._meter = LatenessMeter(period_ns, time.monotonic_ns(), time.thread_time_ns())
         always: list[Any] = [sys.stdin] if until_eof else []
         while not self._stopping:
             readers: list[Any] = [*always, *self._host.readers()]
             readers += [reader for link in self._links for reader in link.readers]
+            self._meter.waits(self.core.next_deadline_ns())
             ready, _, _ = select.select(readers, [], [], self._wait_s())
+            self._measure_lateness(time.monotonic_ns())
             if sys.stdin in ready and self._is_abandoned():
                 break
             self._take_frames(ready)
@@ -120,6 +126,11 @@ class AgentDriver:
             self._look_at_links(now_ns)
             if self.core.identifiers is not self._accepted:
                 self._accept(self.core.identifiers)
+
+    def _measure_lateness(self, now_ns: int) -> None:
+        stood_still = self._meter.woke(now_ns, time.thread_time_ns())
+        if stood_still is not None:
+            self._step(now_ns, stood_still)
 
     def _is_abandoned(self) -> bool:
         """Tell whether standard input has ended, which shows that the program that started the agent has ended."""

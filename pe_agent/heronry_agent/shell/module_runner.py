@@ -1,7 +1,7 @@
 """Builds modules as objects, steps them, carries them over into another mode, and drops them.
 
 The same code runs modules in a partition of a node and in the process of the simulator. It uses no bus, no table and no
-other process, and turns an exception of a module into one line of text. A module is
+other process, and turns an exception of a module into a `Failure`. A module is
 
     built    by `start`, from its image. If the module was kept, `mode_changed` is called first, and the module goes on
              as it is if that returns True
@@ -9,16 +9,24 @@ other process, and turns an exception of a module into one line of text. A modul
     kept     by `stop(keep=True)`: not stepped, until `start` continues it or `stop` drops it
 
 A second `start` of a module that runs builds it anew.
+
+A failure names the exception, its message, and file and line. The line is in the module's own file, if a frame of the
+traceback is: when a library raises, the author of the module looks for the call first.
 """
 
+import sys
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum, Inputs, Module, Value
-from heronry_agent.shell.image_catalogues import find_image
+from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 
 _MOST_DETAIL = 0xFFFF
+_LONGEST_MESSAGE = 140  # characters of an exception's message, so that its place fits behind it
+_HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
@@ -94,30 +102,31 @@ class ModuleRunner:
         self._running: dict[int, tuple[Module, _Context, str]] = {}
         self._kept: dict[int, tuple[Module, _Context, str]] = {}
 
-    def load(self, image: str) -> str | None:
-        """Import the code of an image; gives None, or the reason if that fails."""
+    def load(self, image: str) -> Failure | None:
+        """Import the code of an image; gives None, or the failure."""
         if image in self._classes:
             return None
         try:
             self._classes[image] = find_image(image)
         except Exception as error:  # noqa: BLE001 - foreign code: after any exception the image is missing
-            return one_line(error)
+            failure = failure_of(error)
+            return Failure(f"the code cannot be imported: {failure.reason}", failure.traceback)
         return None
 
-    def start(self, module: int, orders: Orders, now_ns: int) -> str | None:
-        """Build a module, or carry it over; gives None, or the reason if it cannot be built."""
+    def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
+        """Build a module, or carry it over; gives None, or the failure."""
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
         self._running.pop(module, None)
-        reason = self.load(orders.image)
-        if reason is not None:
-            return reason
+        missing = self.load(orders.image)
+        if missing is not None:
+            return missing
         context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.has_device)
         try:
             self._running[module] = (self._classes[orders.image](context), context, orders.image)
         except Exception as error:  # noqa: BLE001 - a module's constructor may raise anything
-            return one_line(error)
+            return failure_of(error, _file_of(self._classes[orders.image]))
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:
@@ -129,11 +138,11 @@ class ModuleRunner:
 
     def step(
         self, module: int, now_ns: int, until_ns: int, reading: Value | None, inputs: Mapping[str, tuple[str, Datum]]
-    ) -> Result | str:
-        """Let a module compute one period; gives the result, or the reason if the step failed."""
+    ) -> Result | Failure:
+        """Let a module compute one period; gives the result, or the failure."""
         held = self._running.get(module)
         if held is None:
-            return "the module was never built"
+            return Failure("the module was never built")
         code, context, _ = held
         context.now_ns, context.until_ns, context.reading = now_ns, until_ns, reading
         context.writes, context.reports, context.phases = [], [], []
@@ -141,9 +150,9 @@ class ModuleRunner:
             outputs: object = code.step(Inputs(inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
             context.writes, context.reports, context.phases = [], [], []  # they may hold the memory that ran out
-            return one_line(error)
+            return failure_of(error, _file_of(type(code)))
         if not isinstance(outputs, dict | Mapping):  # a dict, the usual case, is recognized quickly
-            return f"the module's step gave {type(outputs).__name__}, not a mapping"
+            return Failure(f"the module's step gave {type(outputs).__name__}, not a mapping")
         return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
@@ -163,3 +172,38 @@ def one_line(error: BaseException) -> str:
     """Name and first line of an exception."""
     words = str(error).strip().splitlines()
     return f"{type(error).__name__}: {words[0]}" if words else type(error).__name__
+
+
+def failure_of(error: Exception, file: str | None = None) -> Failure:
+    """Describe an exception of foreign code; `file` is the file of the module's class, if that is known."""
+    try:
+        line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
+        if len(line) > _LONGEST_MESSAGE:
+            line = f"{line[:_LONGEST_MESSAGE]}..."
+        place = None if isinstance(error, SyntaxError) else _place(error, file)  # a SyntaxError names its place itself
+        return Failure(line if place is None else f"{line} ({place})", _traceback(error))
+    except Exception:  # noqa: BLE001 - its __str__ may raise anything, and there may be no memory left
+        return Failure(type(error).__name__)
+
+
+def _place(error: BaseException, file: str | None) -> str | None:
+    """Give file and line of the innermost frame in the module's own file, or else of the innermost foreign frame."""
+    if isinstance(error, UnknownImageError) and error.__cause__ is not None:
+        error = error.__cause__
+    frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
+    foreign = [one for one in frames if one[0] not in _HERE and not one[0].startswith("<frozen ")]
+    foreign = [one for one in foreign if not one[0].endswith("/importlib/__init__.py")]
+    own = [one for one in foreign if one[0] == file] or foreign
+    return f"{own[-1][0].rpartition('/')[2]}:{own[-1][1]}" if own else None
+
+
+def _traceback(error: Exception) -> str:
+    """Format an exception without the frame of this file, from which the module was called."""
+    told = traceback.TracebackException.from_exception(error)
+    if told.stack and told.stack[0].filename == __file__:
+        del told.stack[0]
+    return "".join(told.format())
+
+
+def _file_of(code: type) -> str | None:
+    return getattr(sys.modules.get(code.__module__), "__file__", None)

@@ -4,7 +4,10 @@
 
 The partition has no bus, no table and no key. It executes the orders that come on the socket one after the other, and
 answers each step immediately (`partition_messages`), so that the agent knows which module was computing if the process
-ends. An exception of a module becomes an answer.
+ends. An exception of a module becomes an answer, and its traceback is printed.
+
+What modules print, and these tracebacks, goes line by line to the standard error of the agent: to the journal of its
+service on a node, to the agent's log in a demo.
 
 No partition outlives its agent: the kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step, and a closed socket ends it. If the agent hangs it sends no orders, so no module computes; a step that was
@@ -21,7 +24,9 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from io import TextIOWrapper
 
+from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum
 from heronry_agent.shell.module_runner import ModuleRunner, Result
 from heronry_agent.shell.partition_messages import (
@@ -65,17 +70,20 @@ class Partition:
                 return self._step(order)
             case Start():
                 self._leaves[order.module] = order.leaves
-                reason = self._runner.start(order.module, order.orders, time.monotonic_ns())
-                return None if reason is None else encode_answer(StartRefused(order.module, reason))
+                failure = self._runner.start(order.module, order.orders, time.monotonic_ns())
+                if failure is None:
+                    return None
+                _print(failure)
+                return encode_answer(StartRefused(order.module, *failure))
             case Stop():
                 self._runner.stop(order.module, keep=order.keep)
                 return None
             case Load():
-                reasons = {image: self._runner.load(image) for image in order.images}
-                return encode_answer(Loaded({image: reason for image, reason in reasons.items() if reason is not None}))
+                failures = {image: self._runner.load(image) for image in order.images}
+                return encode_answer(Loaded({image: one.reason for image, one in failures.items() if one is not None}))
 
     def _step(self, order: Step) -> bytes:
-        result: Result | str = Result({})
+        result: Result | Failure = Result({})
         if time.monotonic_ns() <= order.until_ns:
             inputs: dict[str, tuple[str, Datum]] = {}
             leaves = self._leaves.get(order.module, ())
@@ -83,12 +91,19 @@ class Partition:
                 path, variable = leaves[leaf]
                 inputs[path] = (variable, Datum(value, version, age_ns, valid))
             result = self._runner.step(order.module, order.now_ns, order.until_ns, order.reading, inputs)
-        if isinstance(result, str):
-            return encode_answer(Failed(order.module, order.release, result))
+        if isinstance(result, Failure):
+            _print(result)
+            return encode_answer(Failed(order.module, order.release, *result))
         try:
             return encode_answer(Done(order.module, order.release, time.monotonic_ns(), result))
         except Uncarriable as error:
             return encode_answer(Failed(order.module, order.release, str(error)))
+
+
+def _print(failure: Failure) -> None:
+    """Print a traceback; the reader may have ended, and there may be no memory left for it."""
+    with suppress(OSError, ValueError, MemoryError):
+        print(failure.traceback, end="", file=sys.stderr, flush=True)
 
 
 def die_with(agent: int) -> None:
@@ -105,6 +120,8 @@ def main(arguments: list[str]) -> int:
     os.set_inheritable(SOCKET, False)  # else a program started by a module would hide the end of this process
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # else what a module prints is lost when the process is killed
     partition = Partition(ModuleRunner(time.monotonic_ns))
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread
         while packet := os.read(SOCKET, _PACKET_BYTES):

@@ -20,7 +20,7 @@ partition when the step has spent the time after which a module counts as hangin
 
 import time
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 
 from heronry_agent.core.schedule import HUNG_NS, NS_MHZ, hung_ns
@@ -239,16 +239,16 @@ class PartitionHost:
                     outputs, writes = result.outputs, result.writes
                     yield Stepped(module, release, outputs, writes, result.reports, result.phases, spent_ns)
                     return
-            case Failed(module, release, reason):
+            case Failed(module, release, reason, traceback):
                 if process.answered(module, release, now_ns, NEVER_NS) is not None:
-                    yield StepFailed(module, release, reason)
+                    yield StepFailed(module, release, reason, traceback)
                     return
-            case StartRefused(module, reason) if process.refusals_due[module] > 0:
+            case StartRefused(module, reason, traceback) if process.refusals_due[module] > 0:
                 process.refusals_due[module] -= 1
-                yield StartFailed(module, reason)
+                yield StartFailed(module, reason, traceback)
                 return
             case Loaded(missing) if process.loading:
-                yield from self._loaded(process, frozenset(missing))
+                yield from self._loaded(process, missing)
                 return
             case Garbled(reason):
                 process.broken = reason
@@ -257,12 +257,13 @@ class PartitionHost:
                 pass
         process.broken = "it has sent an answer that no order called for"
 
-    def _loaded(self, process: PartitionProcess, missing: frozenset[str]) -> Iterator[ModuleEvent]:
+    def _loaded(self, process: PartitionProcess, missing: Mapping[str, str]) -> Iterator[ModuleEvent]:
         process.loading = False
         process.limit_memory()
         del self._load_by_ns[process.name]
         if missing:
-            yield ImagesMissing(missing & {entry.image for entry in self._entries.values()})
+            own = {entry.image for entry in self._entries.values()}
+            yield ImagesMissing({image: reason for image, reason in missing.items() if image in own})
         for action in self._waiting.pop(process.name):
             self._tell_start(process, action)
         for step in self._held.pop(process.name, ()):

@@ -2,10 +2,10 @@
 
     agent to partition            partition to agent
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
-    START   module, orders        START_FAILED module, reason        only if it failed
+    START   module, orders        START_FAILED module, reason, traceback        only if it failed
     STOP    module, keep                       nothing
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, phases
-                                  STEP_FAILED  release, reason
+                                  STEP_FAILED  release, reason, traceback
 
 A partition trusts its agent: orders are plain values in the format of Python's `marshal`, whose version is the same at
 both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for one that is
@@ -40,6 +40,7 @@ Input = tuple[int, Value, int, int, bool]
 
 _LIST = 0xFFFF  # most entries of a list, most bytes of a text
 _LAYOUTS, _LAYOUT_BYTES = 256, 1024  # most layouts that are kept, and longest one that is, in bytes
+_REASON, _TRACEBACK = 500, 3_000  # characters of a failure's texts; the agent keeps fewer (`failure_text`)
 _T = TypeVar("_T")
 
 
@@ -95,10 +96,11 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class StartRefused:
-    """A module could not be built, for `reason`."""
+    """A module could not be built; the texts are those of a `Failure`."""
 
     module: int
     reason: str
+    traceback: str = ""
 
 
 class Done(NamedTuple):
@@ -112,11 +114,12 @@ class Done(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """A step has failed, for `reason`."""
+    """A step has failed; the texts are those of a `Failure`."""
 
     module: int
     release: int
     reason: str
+    traceback: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,12 +248,16 @@ def _layout(
 def _other(answer: Loaded | StartRefused | Failed) -> bytes:
     match answer:
         case Failed():
-            return _ANSWER.pack(_Kind.STEP_FAILED, answer.module, answer.release) + _text(answer.reason[:500])
+            return _ANSWER.pack(_Kind.STEP_FAILED, answer.module, answer.release) + _told(answer)
         case StartRefused():
-            return _ANSWER.pack(_Kind.START_FAILED, answer.module, 0) + _text(answer.reason[:500])
+            return _ANSWER.pack(_Kind.START_FAILED, answer.module, 0) + _told(answer)
         case Loaded():
-            pairs = [(image, reason[:500]) for image, reason in answer.missing.items()]
+            pairs = [(image, reason[:_REASON]) for image, reason in answer.missing.items()]
             return _KIND.pack(_Kind.LOADED) + _list(pairs, lambda pair: _text(pair[0]) + _text(pair[1]))
+
+
+def _told(answer: StartRefused | Failed) -> bytes:
+    return _text(answer.reason[:_REASON]) + _text(answer.traceback[-_TRACEBACK:])
 
 
 def decode_answer(packet: bytes) -> Answer:
@@ -298,9 +305,9 @@ def _decode_other(reader: "_Reader") -> Answer:
     else:
         module, release = struct.unpack("<HQ", reader.bytes(10))
         if kind == _Kind.STEP_FAILED:
-            answer = Failed(module, release, reader.text())
+            answer = Failed(module, release, reader.text(), reader.text())
         elif kind == _Kind.START_FAILED:
-            answer = StartRefused(module, reader.text())
+            answer = StartRefused(module, reader.text(), reader.text())
         else:
             return Garbled(f"a packet of kind {kind} is no answer")
     return answer if reader.at == len(reader.packet) else Garbled("a packet has bytes beyond its last value")

@@ -345,8 +345,8 @@ def code_that_turns_out_to_be_missing_is_refused() -> None:
     pe.flies(Slice((_GAUGE,), publish={HEIGHT: 1}))
     image = TABLE.modules[GAUGE].image
     assert image is not None
-    pe.tell(ImagesMissing(frozenset((image,))))
-    equal(pe.notes("image"), [f"{image} cannot be run here"], "notes of what is missing")
+    pe.tell(ImagesMissing({image: "no such code"}))
+    equal(pe.notes("image"), [f"{image} cannot be run here: no such code"], "notes of what is missing")
     for epoch, part, reason in ((_EPOCH + 1, Slice((_GAUGE,)), Reason.IMAGE), (_EPOCH + 2, NOTHING, Reason.NONE)):
         pe.run_into_next_period(5)
         pe.prepare(epoch, part, _DIGEST + epoch)

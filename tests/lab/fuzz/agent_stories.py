@@ -182,7 +182,7 @@ class _Pe(SteppedCore[Event, Action]):
             NotReady(module, release),
             StepMeasured(module, release, story.number(1 << 24)),
             PartitionEnded("flight", "it ended", module if story.number(2) else None),
-            ImagesMissing(frozenset({"servo_driver_1"})),
+            ImagesMissing({"servo_driver_1": "no\x1b[2J such code"}),
         )
         self.give(events[story.number(256) % len(events)])
 

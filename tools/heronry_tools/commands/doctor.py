@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
+_REHEARSAL_S = 1.0  # of one node, to measure how late it wakes
 _DIGEST_SUB = 3  # of object SPEC
 _INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
@@ -81,10 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
-    from heronry_tools.runtime.doctor.computer import assess_computer, knows_can  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.computer import assess_computer, assess_wake_ups, knows_can  # noqa: PLC0415
     from heronry_tools.runtime.doctor.finding import Finding  # noqa: PLC0415
     from heronry_tools.runtime.doctor.interface import assess_interface  # noqa: PLC0415
     from heronry_tools.runtime.doctor.listening import assess_channels, assess_digests, assess_hearing  # noqa: PLC0415
+    from heronry_tools.runtime.wake_ups import latest_wake_up_ns  # noqa: PLC0415
     from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
     from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
     from heronry_wire.can_interface import read_interface  # noqa: PLC0415
@@ -93,6 +95,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     is_socketcan = flags.get("interface") == "socketcan"
     yield from assess_computer(needs_can=is_socketcan)
+    late_ns = latest_wake_up_ns(1, min(_REHEARSAL_S, arguments.seconds))
+    yield assess_wake_ups(late_ns, USUAL_HEARTBEAT_NS if expected is None else expected.heartbeat_ns)
     channels = channels_named(flags) if expected is None else expected.channels
     buses: dict[str, Opened] = {}
     with ExitStack() as stack:

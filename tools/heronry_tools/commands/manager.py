@@ -68,6 +68,7 @@ def add_parsers(subparsers: Any) -> None:
         help="the socket for 'heronry status' and the other orders (default: one per spec)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
+    parser.add_argument("--slower-heartbeat-ns", type=int, default=0, help=argparse.SUPPRESS)  # as the PEs of a demo
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     add_bus_arguments(parser, "the manager's bus")
     parser.set_defaults(run=run)

@@ -1,4 +1,4 @@
-"""`heronry status`, `phase`, `fail`, `clear`, `unlock`: the operator's orders to a manager on this computer."""
+"""`heronry status`, `traceback`, `phase`, `fail`, `clear`, `unlock`: the operator's orders to a manager here."""
 
 import argparse
 import json
@@ -34,10 +34,15 @@ examples:
 
 Only a PE with a key is locked. While it is unlocked, any node on the bus can write to it.
 """
+_TRACEBACK_EPILOG = """\
+examples:
+  heronry status                       shows which modules have failed, each with exception, file and line
+  heronry traceback module:autopilot   the traceback of its last failure, as its PE gives it over the bus
+"""
 
 
 def add_parsers(subparsers: Any) -> None:
-    """Add the parsers of the five orders."""
+    """Add the parsers of the six orders."""
     status = _parser(subparsers, "status", "show the status of the system, as the manager knows it", _STATUS_EPILOG)
     add_output(status, "print the whole status as one JSON object")
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
@@ -46,13 +51,17 @@ def add_parsers(subparsers: Any) -> None:
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
         ("clear", "count an element as working again", _CLEAR_EPILOG),
+        ("traceback", "show the traceback of a module's last failure", _TRACEBACK_EPILOG),
         ("unlock", "let CANopen tools write to a PE for half a minute", _UNLOCK_EPILOG),
     ):
         parser = _parser(subparsers, name, sentence, epilog)
         parser.add_argument(
             "what", metavar="ELEMENT", help="KIND:NAME, for example pe:nav, device:gps, module:autopilot"
         )
-        add_json(parser)
+        if name == "traceback":
+            add_output(parser, "print the answer as one JSON object")
+        else:
+            add_json(parser)
 
 
 def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.ArgumentParser:
@@ -76,7 +85,14 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
 
 def run(arguments: argparse.Namespace) -> int:
     """Give the order; returns 0 if it is carried out, 1 if the manager refuses."""
-    from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, UnlockPe  # noqa: PLC0415
+    from heronry_manager.core.vocabulary import (  # noqa: PLC0415
+        AskStatus,
+        AskTraceback,
+        ClearElement,
+        EnterPhase,
+        FailElement,
+        UnlockPe,
+    )
     from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415 - keeps `heronry plan` quick
     from heronry_tools.reports.status import report  # noqa: PLC0415
 
@@ -85,11 +101,12 @@ def run(arguments: argparse.Namespace) -> int:
         status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
         return 0
-    orders: dict[str, type[EnterPhase | FailElement | ClearElement | UnlockPe]] = {
+    orders: dict[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | AskTraceback]] = {
         "phase": EnterPhase,
         "fail": FailElement,
         "clear": ClearElement,
         "unlock": UnlockPe,
+        "traceback": AskTraceback,
     }
     answer = call(path, orders[arguments.order](arguments.what))
     if arguments.json:

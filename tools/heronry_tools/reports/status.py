@@ -38,12 +38,18 @@ def _head(status: Mapping[str, Any]) -> Iterator[str]:
 def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     if status["manager"]["journal"] is not None:
         yield f"! the journal cannot be written: {status['manager']['journal']}"
+    own = _standstills(status["manager"]["standstills"])
+    if own:
+        yield f"! the computer of this manager{own}"
     for fault in status["latched"]:
         told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
         yield (
             f"! {fault['element']} counts as failed, reported by {fault['by']} "
             f"({told}{fault['for_ns'] // _NS_PER_S} s ago)"
         )
+    for failure in status["failures"]:
+        ago = failure["for_ns"] // _NS_PER_S
+        yield f"! {failure['element']} failed on {failure['by']}, {ago} s ago: {failure['text']}"
     for bus, link in status["links"].items():
         if link["state"] == "gone":
             yield f"! bus:{bus} is gone: no frame comes from beyond it"
@@ -63,7 +69,17 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
         why = "" if pe["why"] is None else f": {pe['why']}"
         waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
         runs = f"{pe['runs']} in epoch {pe['epoch']}" if pe["epoch"] is not None else pe["runs"]
-        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}"
+        late = _standstills(pe["standstills"])
+        late = f"; its computer{late}" if late else ""
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}{late}"
+
+
+def _standstills(counts: Mapping[str, int] | None) -> str:
+    """Write how often a computer stood still."""
+    if counts is None or not counts["times"]:
+        return ""
+    times = "once" if counts["times"] == 1 else f"{counts['times']} times"
+    return f" stood still {times}, for up to {counts['longest_ms']} ms"
 
 
 def _unproven(authentic: Mapping[str, Any] | None) -> str:

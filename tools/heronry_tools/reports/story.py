@@ -4,7 +4,7 @@ A pure fold over the event stream, so the same story is told live, from a record
 has a tone (what colour it gets on a terminal) and no more layout than that.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -31,6 +31,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "module_restarted": ("{element} failed and is started again on {by} ({times})", "fault"),
+    "module_failed": ("{element} on {by}: {text}", "bad"),
     "fault_reported": ("{element} has failed, reported by {by}", "fault"),
     "link_limited": ("the link {bus} has {share} of its bandwidth, reported by {by}", "fault"),
     "link_gone": ("the link {bus} is gone, reported by {by}", "fault"),
@@ -114,8 +115,8 @@ class Story:
                 yield from self._reconfigured(event)
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice":
-                yield Line(_advice(event))
+            case "advice" | "stood_still" | "heartbeat" | "logs":
+                yield _TELLERS[kind](event)
             case "outage":
                 yield from self._outage(event)
             case "summary":
@@ -209,10 +210,35 @@ class Story:
             yield Line(f"two drivers at once: {rivals}", "bad")
 
 
-def _advice(event: Mapping[str, Any]) -> str:
+def _logs(event: Mapping[str, Any]) -> Line:
+    stay = "the logs of this run stay in" if event["kept"] else "the logs of all processes are in"
+    return Line(f"{stay} {event['folder']}", "plain" if event["kept"] else "quiet")
+
+
+def _heartbeat(event: Mapping[str, Any]) -> Line:
+    late_ms, period_ms, own_ms = (event[key] / 1e6 for key in ("late_ns", "period_ns", "of_spec_ns"))
+    late = f"processes run up to {late_ms:.0f} ms late on this computer now"
+    if period_ms == own_ms:
+        return Line(f"{late}: it can keep the heartbeat of {own_ms:g} ms", "quiet")
+    return Line(f"{late}: the demo flies with a heartbeat of {period_ms:g} ms, and not {own_ms:g} ms as in the spec")
+
+
+def _standstill(event: Mapping[str, Any]) -> Line:
+    """Tell that a computer stood still; a PE tells it only afterwards."""
+    by, for_ms = event["by"], event["for_ns"] // 1_000_000
+    if by == "the demo" or by.startswith("manager "):
+        return Line(
+            f"this computer stood still for {for_ms} ms ({by} noticed it): what follows may be its doing", "bad"
+        )
+    times = "once" if event["times"] == 1 else f"{event['times']} times"
+    words = f"the computer of {by} stood still for {for_ms} ms ({times} so far)"
+    return Line(f"{words}: if {by} was lost, that may be its doing", "bad")
+
+
+def _advice(event: Mapping[str, Any]) -> Line:
     moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
     named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
-    return f"it would {'; '.join(named) or 'only change modes and wires'}"
+    return Line(f"it would {'; '.join(named) or 'only change modes and wires'}")
 
 
 def _why(causes: list[str]) -> str:
@@ -262,3 +288,11 @@ def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapp
         f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} for what uses its "
         f"data, has ended; {where} does not want {name} for itself"
     )
+
+
+_TELLERS: Mapping[str, Callable[[Mapping[str, Any]], Line]] = {
+    "advice": _advice,
+    "heartbeat": _heartbeat,
+    "logs": _logs,
+    "stood_still": _standstill,
+}

@@ -29,6 +29,7 @@ from heronry_tools.console.bus_flags import what_it_models
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event, surviving
 from heronry_tools.reports.screen import screen
+from heronry_tools.runtime.wake_ups import with_heartbeat
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.key_file import read_key
@@ -40,7 +41,7 @@ PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as
 
 def mastership(arguments: argparse.Namespace) -> int:
     """Run a manager; returns 0, or 1 where it ended by itself."""
-    spec = load_spec_file(arguments.spec)
+    spec = with_heartbeat(load_spec_file(arguments.spec), arguments.slower_heartbeat_ns)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
     bus = spec.buses[spec.manager.bus]
@@ -87,6 +88,7 @@ def mastership(arguments: argparse.Namespace) -> int:
                 key=key,
                 standby=arguments.standby,
                 tells_departures=True,
+                reads_objects=True,
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)

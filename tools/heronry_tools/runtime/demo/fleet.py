@@ -5,7 +5,8 @@ allowed to, they run with a higher priority than everything else on this compute
 
 The standard input of every child is a pipe from this process, and a child ends when that ends, so a demo that is itself
 killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and the place in which
-that number is valid (`_here`); the next start there removes folders whose process is gone.
+that number is valid (`_here`); the next start there removes folders whose process is gone. Each process writes its
+standard error to a log in that folder, an agent also what its modules print. The logs of a run that failed are kept.
 """
 
 import contextlib
@@ -36,8 +37,9 @@ from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import FIRST_MANAGER
 
 _STOP_TIMEOUT_S = 5.0
-_HUB_PRIORITY, _NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
-_NAME = "heronry-demo-"
+_HUB_PRIORITY, NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
+_NAME, _LOGS = "heronry-demo-", "heronry-logs-"
+_RUNS_KEPT = 5  # whose logs stay
 
 
 def run_folder() -> Path:
@@ -60,6 +62,19 @@ def _here() -> str:
     return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
 
 
+def keep_logs(folder: Path) -> Path:
+    """Move the logs of a run into a folder that stays, and remove older ones but a few; gives the folder."""
+    kept = folder.with_name(f"{_LOGS}{os.getuid()}-{os.getpid()}")
+    shutil.rmtree(kept, ignore_errors=True)
+    kept.mkdir(mode=0o700)
+    for log in folder.glob("*.log"):
+        log.rename(kept / log.name)
+    own = [one for one in kept.parent.glob(f"{_LOGS}{os.getuid()}-*") if one != kept]
+    for old in sorted(own, key=lambda one: one.stat().st_mtime)[: -_RUNS_KEPT + 1]:
+        shutil.rmtree(old, ignore_errors=True)
+    return kept
+
+
 class Fleet:
     """All processes of one run; as a context manager it ends them all."""
 
@@ -73,11 +88,13 @@ class Fleet:
         *,
         aloft_s: float = 0.0,
         called: str | None = None,
+        heartbeat_ns: int | None = None,
     ) -> None:
         """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
 
         aloft_s: time in seconds since the take-off of the simulated flight.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
+        heartbeat_ns: shortest heartbeat period in `spec`, where it is longer than in the file; else None.
         """
         self.folder, self._called = folder, called
         self._contingency_flags = [
@@ -86,6 +103,7 @@ class Fleet:
         ]
         if made is not None:
             (folder / "contingencies").write_bytes(to_bytes(made, spec))
+        self._slower_flags = [] if heartbeat_ns is None else ["--slower-heartbeat-ns", str(heartbeat_ns)]
         self._key_flags = [] if key is None else ["--key", str(key)]
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
@@ -118,6 +136,7 @@ class Fleet:
         arguments += ["--node", str(node), *(["--standby"] if standby else [])]
         arguments += ["--state-dir", str(self.folder), "--socket", str(self.control_socket(node))]
         arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags, *self._contingency_flags]
+        arguments += self._slower_flags
         name = "manager" if node == FIRST_MANAGER else "standby"
         process = self._start(name, arguments, stdout=subprocess.PIPE)
         self._managers[node] = process
@@ -208,6 +227,10 @@ class Fleet:
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"
 
+    def keep_logs(self) -> Path:
+        """Move the logs out of the folder of this run, which goes when the fleet is closed; gives their new folder."""
+        return keep_logs(self.folder)
+
     def close(self) -> None:
         """End all processes: with SIGTERM first, with SIGKILL where that does not help."""
         self._end(signal.SIGTERM)
@@ -243,7 +266,7 @@ class Fleet:
                 stderr=log,
                 process_group=0,
             )
-        _prefer(process.pid, _NODE_PRIORITY)
+        _prefer(process.pid, NODE_PRIORITY)
         return process
 
 

@@ -3,6 +3,7 @@
 import argparse
 import shutil
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 
 from heronry_dg.model import Spec
@@ -15,16 +16,19 @@ from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
 from heronry_tools.runtime.demo import DEFAULT_SECONDS
 from heronry_tools.runtime.demo.buses import choose
-from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
-from heronry_tools.runtime.demo.run import Show
+from heronry_tools.runtime.demo.run import Show, Tell
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
+from heronry_tools.runtime.wake_ups import kept_heartbeat_ns, latest_wake_up_ns, with_heartbeat
 from heronry_wire import interruption
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
 
 _AFTER_LAST_ACTION_S = 5.0
+_REHEARSAL_S = 0.4
+_MORE_PROCESSES = 2  # a hub and a manager, beside the agents
 
 
 def play(arguments: argparse.Namespace) -> int:
@@ -45,20 +49,33 @@ def play(arguments: argparse.Namespace) -> int:
         folder = run_folder()
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
+        late_ns = latest_wake_up_ns(len(spec.pes) + _MORE_PROCESSES, _REHEARSAL_S, NODE_PRIORITY)
+        heartbeat_ns = kept_heartbeat_ns(late_ns)
+        flown = with_heartbeat(spec, heartbeat_ns)
         made, behind = _plans_ahead(spec, arguments.spec, arguments.contingencies)
         file = spec_path(arguments.spec)
         stack.enter_context(interruption.in_order())  # fifty processes end, which takes some hundred ms
         called = stack.enter_context(manager_name(spec.name))
         fleet = stack.enter_context(
-            Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s, called=called)
+            Fleet(
+                *(flown, file, folder, made, arguments.key),
+                aloft_s=arguments.aloft_s,
+                called=called,
+                heartbeat_ns=heartbeat_ns,
+            )
         )
         fleet.start_buses(choices)
-        tell = print_event if arguments.json else screen(spec)
+        tell = print_event if arguments.json else screen(flown)
+        own_ns = spec.buses[spec.manager.bus].heartbeat_ns
+        period_ns = flown.buses[spec.manager.bus].heartbeat_ns
+        tell(event("heartbeat", time.monotonic_ns(), late_ns=late_ns, period_ns=period_ns, of_spec_ns=own_ns))
+        tell(event("logs", time.monotonic_ns(), folder=str(folder), kept=False))
         flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
         tell(event("orders", time.monotonic_ns(), flags=flags))
         if behind is not None:
             stack.enter_context(behind)
-        return Show(spec, fleet, choices, tell, behind).run(actions, seconds, record)
+        show = Show(flown, fleet, choices, tell, behind)
+        return _run(show, fleet, tell, lambda show: show.run(actions, seconds, record))
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
@@ -67,6 +84,17 @@ def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies |
         return contingencies_of(spec, source), None
     made = kept_contingencies(spec)
     return made, PlanningAhead(spec, spec_path(text)) if made is None and can_plan_ahead() else None
+
+
+def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[Show], int]) -> int:
+    """Run the show; keep its logs if a process, a module or the flight has failed."""
+    try:
+        code = run(show)
+    except UserError as error:
+        raise UserError(f"{error}; the logs are kept in {fleet.keep_logs()}") from None
+    if code or show.saw_failure:
+        tell(event("logs", time.monotonic_ns(), folder=str(fleet.keep_logs()), kept=True))
+    return code
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:

@@ -27,6 +27,7 @@ from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, 
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
+from heronry_wire.standstill import LatenessMeter, Standstills
 
 LONGEST_START_S = 120.0  # a small computer takes long to load the solver; a process that dies is noticed immediately
 GRACE_S = 15.0  # extra time for actions whose effect is not complete when the time is up
@@ -58,7 +59,10 @@ class Show:
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
         self._events: EventStream  # of the manager that is followed
         self._managers: dict[int, EventStream] = {}  # by node
+        self._standstills = Standstills(spec.buses[spec.manager.bus].heartbeat_ns)
         self._mute = False
+        self._coming_back: set[str] = set()  # restored PEs that have not joined yet
+        self.saw_failure = False  # a module has failed
 
     def run(self, actions: Sequence[DemoAction | PhaseAction], seconds: float, record: IO[str] | None) -> int:
         """Run these actions, for `seconds`; returns 0 if at the end every function of the plan is heard on the bus."""
@@ -85,9 +89,13 @@ class Show:
 
     def _loop(self, ears: Mapping[str, Ear], record: IO[str] | None) -> None:
         begun = time.monotonic()
+        meter = LatenessMeter(self._standstills.period_ns, time.monotonic_ns(), time.thread_time_ns())
         while not self._over():
             readers: list[Any] = [self._events, *(reader for ear in ears.values() for reader in ear.readers)]
-            select.select(readers, [], [], self._wait_s())
+            wait_s = self._wait_s()
+            meter.waits(time.monotonic_ns() + round(wait_s * 1e9))
+            select.select(readers, [], [], wait_s)
+            self._measure_lateness(meter)
             for one in self._events.take():
                 self._follow(one)
             for name, ear in ears.items():
@@ -103,11 +111,18 @@ class Show:
                     f"no configuration ran within {LONGEST_START_S:.0f} s; last message of the manager: {words}"
                 )
 
+    def _measure_lateness(self, meter: LatenessMeter) -> None:
+        """Tell a long standstill of this process, whose actions and observations are late then."""
+        now_ns = time.monotonic_ns()
+        late = meter.woke(now_ns, time.thread_time_ns())
+        if late is not None and self._standstills.count(late, now_ns):
+            self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
+
     def _over(self) -> bool:
         """Tell whether the time is up, and every action has had its effect or its extra time."""
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
-        well = self._pending is None and not self._unserved()
+        well = self._pending is None and not self._unserved() and not self._coming_back
         return well or self._show_s() >= self._seconds + GRACE_S
 
     def _show_s(self) -> float:
@@ -124,7 +139,10 @@ class Show:
             return
         if one["event"] != "bus":  # the demo has reported it
             self._tell(one)
+        self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
+            case "pe_joined":
+                self._coming_back.discard(one["pe"])
             case "plan_requested":
                 self._pending = "a plan"
             case "plan_ready":
@@ -159,8 +177,10 @@ class Show:
             elif action.pe == MANAGER:
                 self._kill_manager()
             elif action.what == "kill":
+                self._coming_back.discard(action.pe)
                 self._emit("process", pe=action.pe, pid=self._fleet.kill_pe(action.pe), what="killed")
             else:
+                self._coming_back.add(action.pe)
                 self._emit("process", pe=action.pe, pid=self._fleet.start_pe(action.pe), what="restored")
 
     def _kill_manager(self) -> None:

@@ -1,4 +1,4 @@
-"""The check of this computer: its Python and packages, and whether its kernel supports CAN."""
+"""The check of this computer: its Python and packages, whether its kernel supports CAN, how late it wakes a process."""
 
 import platform
 import socket
@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 
 from heronry_tools.runtime.doctor.finding import Finding
+from heronry_tools.runtime.wake_ups import kept_heartbeat_ns
 
 _NEEDED = ("heronry", "python-can")
 _WELCOME = ("canopen",)  # an extra
+_NS_PER_MS = 1_000_000
 
 
 def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
@@ -21,6 +23,19 @@ def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
     if needs_can and not knows_can():
         remedy = "modprobe can-raw   (or use a software bus: -i softbus, or tools/with-vcan)"
         yield Finding("kernel", "this kernel does not support CAN", remedy)
+
+
+def assess_wake_ups(late_ns: int, heartbeat_ns: int) -> Finding:
+    """Give the finding about a rehearsal (`wake_ups`) in which a node was late by up to `late_ns`.
+
+    heartbeat_ns: heartbeat period of the bus.
+    """
+    late = f"under the present load a node runs up to {late_ns / _NS_PER_MS:.1f} ms late here"
+    if late_ns <= heartbeat_ns:
+        return Finding("wake-ups", f"{late}: it can keep a heartbeat of {heartbeat_ns / _NS_PER_MS:g} ms")
+    says = f"{late}: it may miss a heartbeat of {heartbeat_ns / _NS_PER_MS:g} ms, and be called lost"
+    period = f"heartbeat_ms: {kept_heartbeat_ns(late_ns) / _NS_PER_MS:g}"
+    return Finding("wake-ups", says, f"top   (shows what else runs here; or write {period} for that bus into the spec)")
 
 
 def knows_can() -> bool:

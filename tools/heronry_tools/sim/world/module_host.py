@@ -12,6 +12,7 @@ from heronry_agent.core.vocabulary import (
     Action,
     Drive,
     EndPartition,
+    Failure,
     Heard,
     ModuleEvent,
     StartFailed,
@@ -36,8 +37,8 @@ class ModuleHost:
         self._partitions = {module.index: module.partition for module in table.modules}
         self._now_ns = 0
         self._runner = ModuleRunner(lambda: self._now_ns)
-        reasons = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in table.modules}))
-        self.missing_images = {image: reason for image, reason in reasons if reason is not None}
+        failures = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in table.modules}))
+        self.missing_images = {image: failure.reason for image, failure in failures if failure is not None}
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Execute an action for modules or their devices; gives the event for the core, or None."""
@@ -46,8 +47,8 @@ class ModuleHost:
             case StepModule():
                 return self._step(action, now_ns)
             case StartModule():
-                reason = self._runner.start(action.module, orders_of(action), now_ns)
-                return None if reason is None else StartFailed(action.module, reason)
+                failure = self._runner.start(action.module, orders_of(action), now_ns)
+                return None if failure is None else StartFailed(action.module, *failure)
             case StopModule():
                 self._runner.stop(action.module, keep=action.keep)
                 if not action.keep:
@@ -66,6 +67,6 @@ class ModuleHost:
     def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:
         reading = self._devices.read(action.module, now_ns)
         result = self._runner.step(action.module, now_ns, action.until_ns, reading, action.inputs)
-        if isinstance(result, str):
-            return StepFailed(action.module, action.release, result)
+        if isinstance(result, Failure):
+            return StepFailed(action.module, action.release, *result)
         return Stepped(action.module, action.release, result.outputs, result.writes, result.reports, result.phases)

@@ -1,0 +1,37 @@
+"""The text of a module's failure as it travels: from the module's process to its agent, over SDO to the manager.
+
+Each hop takes the text from a process that it does not trust: a module may put anything into the message of an
+exception, and any node may answer an SDO request. So each hop makes the text plain again: printable ASCII, with every
+other character escaped (an escape sequence for a terminal loses its effect), and no longer than the limit. The text
+decides nothing; people read it.
+"""
+
+REASON_BYTES = 200
+"""Longest reason, in one line: exception type, message, file and line."""
+
+TRACEBACK_BYTES = 2_000
+"""Longest traceback; a longer one loses its beginning, since the last frame is where the exception was raised."""
+
+_CUT = "..."
+
+
+def plain_reason(text: str) -> str:
+    """Give a reason in one line of printable ASCII, with its end cut off if it is too long."""
+    plain = _plain(text)
+    return plain if len(plain) <= REASON_BYTES else plain[: REASON_BYTES - len(_CUT)] + _CUT
+
+
+def plain_traceback(text: str) -> str:
+    """Give a traceback in lines of printable ASCII, with its beginning cut off if it is too long."""
+    plain = "\n".join(map(_plain, text[-TRACEBACK_BYTES:].splitlines()))
+    cut = len(plain) > TRACEBACK_BYTES or len(text) > TRACEBACK_BYTES
+    return _CUT + plain[len(_CUT) - TRACEBACK_BYTES :] if cut else plain
+
+
+def _plain(text: str) -> str:
+    """Escape what is not printable ASCII; only the part that can matter is looked at."""
+    return "".join(c if " " <= c <= "~" else _escaped(c) for c in text[: TRACEBACK_BYTES + 1])
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode()

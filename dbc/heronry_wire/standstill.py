@@ -1,0 +1,71 @@
+"""How late this computer lets a driver run: measured by the driver, handed to its core as an event.
+
+A process of which nothing is wrong may still wake up late: other processes have the processors, the computer swaps, a
+virtual machine is stopped. Then its frames are late, and other nodes call it lost. The driver measures this at each
+turn of its loop: how late it woke after its deadline, less the processor time that it has used itself since it woke
+last, since that is its own work and not a standstill. A wait that ends early (a frame has come) is never late.
+
+A standstill longer than a quarter period, the slack of a heartbeat, is counted. A long one, longer than a period, may
+make another node doubt this one. It is told, but only once in TELL_AGAIN_NS, unless it is longer than the last one that
+was told.
+"""
+
+from dataclasses import dataclass
+
+from heronry_wire.protocol_times import slack_ns
+
+TELL_AGAIN_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class StoodStill:
+    """This process was kept from running for `for_ns`, more than a quarter of the heartbeat period of its uplink."""
+
+    for_ns: int
+
+
+@dataclass(slots=True)
+class Standstills:
+    """The standstills of one process; a core counts them."""
+
+    period_ns: int
+    times: int = 0
+    long_times: int = 0
+    last_long_ns: int = 0
+    longest_ns: int = 0
+    _told_ns: int = 0  # length of the last one that was told
+    _told_at_ns: int = -TELL_AGAIN_NS
+
+    def count(self, one: StoodStill, now_ns: int) -> bool:
+        """Count a standstill, and tell whether it is to be told."""
+        self.times += 1
+        self.longest_ns = max(self.longest_ns, one.for_ns)
+        if one.for_ns <= self.period_ns:
+            return False
+        self.long_times += 1
+        self.last_long_ns = one.for_ns
+        if now_ns - self._told_at_ns < TELL_AGAIN_NS and one.for_ns <= self._told_ns:
+            return False
+        self._told_ns, self._told_at_ns = one.for_ns, now_ns
+        return True
+
+
+class LatenessMeter:
+    """Measures how late a loop wakes; the driver gives it the times."""
+
+    def __init__(self, period_ns: int, now_ns: int, used_ns: int) -> None:
+        """period_ns: heartbeat period of the uplink. used_ns: processor time of this thread so far."""
+        self._slack_ns, self._due_ns = slack_ns(period_ns), now_ns
+        self._used_ns = used_ns
+        self._is_waiting = False
+
+    def waits(self, due_ns: int | None) -> None:
+        """Note that the loop waits now, until `due_ns` at the latest; None: without a limit."""
+        self._is_waiting = due_ns is not None
+        self._due_ns = due_ns or 0
+
+    def woke(self, now_ns: int, used_ns: int) -> StoodStill | None:
+        """Take the end of a wait; gives the standstill, if it was one."""
+        own_ns, self._used_ns = used_ns - self._used_ns, used_ns
+        late_ns = now_ns - self._due_ns - own_ns
+        return StoodStill(late_ns) if self._is_waiting and late_ns > self._slack_ns else None

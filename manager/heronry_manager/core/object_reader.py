@@ -1,0 +1,143 @@
+"""Reads objects of PEs by SDO (CiA 301, 7.2.4): what EMCY and state frames have no room for. One at a time.
+
+    idle      nothing is being read
+    opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
+    segments  a long value comes segment by segment, each requested, the toggle bit alternating
+
+An abort of the PE, an answer that does not fit the request, or SILENCE_NS without an answer ends the reading of that
+object without a value, and the next one in the queue begins. Nothing that a PE runs depends on this, so nothing is
+repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
+
+Lost: that object has no value. Late or doubled: an answer that fits by chance gives a wrong value. Forged: any node can
+do that, since SDO has no proof: the values are for people, and no decision may depend on them. A request replaces the
+transfer of another SDO client with the same PE, whose transfer is then refused.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import sdo_request_id
+from heronry_wire.sansio import NEVER_NS, Send
+from heronry_wire.sdo import (
+    COMMAND_BITS,
+    EXPEDITED,
+    LAST_SEGMENT,
+    MESSAGE_BYTES,
+    SEGMENT_UPLOAD,
+    SEGMENT_UPLOAD_ANSWER,
+    SIZE_GIVEN,
+    TOGGLE,
+    UPLOAD,
+    UPLOAD_ANSWER,
+    command_of,
+    expedited_length,
+    read_head,
+    read_length,
+    segment,
+    segment_data,
+    with_data,
+)
+
+SILENCE_NS = 1_000_000_000
+"""Longest wait for one answer: the time after which a PE gives up its client."""
+
+_MOST_WAITING = 64
+_MOST_BYTES = 4_096
+
+Take = Callable[[bytes | None], None]
+"""What to do with the value of an object; None: it cannot be read."""
+
+
+@dataclass(slots=True)
+class _Reading:
+    node: int
+    index: int
+    sub_index: int
+    take: Take
+    length: int | None = None  # of a long value, once it is known
+    data: bytes = b""
+    toggle: int = 0
+
+
+@dataclass(slots=True)
+class ObjectReader:
+    """The SDO client of a manager; `ask` is called with each frame to send, `next_ns` is when to call `tick`."""
+
+    ask: Callable[[Send], None]
+    next_ns: int = NEVER_NS
+    _now: _Reading | None = None
+    _waiting: deque[_Reading] = field(default_factory=deque)
+
+    def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int) -> None:
+        """Read an object, after those that wait already; `take` is called once, with the value or None."""
+        if len(self._waiting) >= _MOST_WAITING:
+            take(None)
+            return
+        self._waiting.append(_Reading(node, index, sub_index, take))
+        self._begin_next(now_ns)
+
+    def heard(self, node: int, message: bytes, now_ns: int) -> None:
+        """Take an answer of a PE's SDO server; one that nobody waits for is dropped."""
+        reading = self._now
+        if reading is None or reading.node != node:
+            return
+        is_good = len(message) == MESSAGE_BYTES and self._take(reading, message)
+        if not is_good:
+            self._end(None, now_ns)
+        elif reading.length == len(reading.data):
+            self._end(reading.data, now_ns)
+        else:
+            self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Give up an object whose answer does not come."""
+        if now_ns >= self.next_ns:
+            self._end(None, now_ns)
+
+    def give_up(self, now_ns: int) -> None:
+        """Give up everything, since this manager is not active any more."""
+        waiting, self._waiting = self._waiting, deque()
+        if self._now is not None:
+            self._end(None, now_ns)
+        for reading in waiting:
+            reading.take(None)
+
+    def _take(self, reading: _Reading, message: bytes) -> bool:
+        """Take what an answer carries; tells whether it fits the request."""
+        command = command_of(message)
+        if reading.length is None:
+            return self._opened(reading, command, message)
+        if command & (COMMAND_BITS | TOGGLE) != SEGMENT_UPLOAD_ANSWER | reading.toggle:
+            return False
+        reading.data += segment_data(message)
+        reading.toggle ^= TOGGLE
+        return bool(command & LAST_SEGMENT) == (len(reading.data) == reading.length)
+
+    def _opened(self, reading: _Reading, command: int, message: bytes) -> bool:
+        index, sub_index, rest = read_head(message)
+        if command & COMMAND_BITS != UPLOAD_ANSWER or (index, sub_index) != (reading.index, reading.sub_index):
+            return False
+        if command & EXPEDITED:
+            reading.data = rest[: expedited_length(command) if command & SIZE_GIVEN else None]
+            reading.length = len(reading.data)
+        else:
+            reading.length = read_length(rest)
+        return reading.length <= _MOST_BYTES
+
+    def _begin_next(self, now_ns: int) -> None:
+        if self._now is None and self._waiting:
+            self._now = self._waiting.popleft()
+            self._say(with_data(UPLOAD, self._now.index, self._now.sub_index), now_ns)
+
+    def _say(self, message: bytes, now_ns: int) -> None:
+        assert self._now is not None
+        self.next_ns = now_ns + SILENCE_NS
+        self.ask(Send(0, Frame(sdo_request_id(self._now.node), message)))
+
+    def _end(self, value: bytes | None, now_ns: int) -> None:
+        reading, self._now, self.next_ns = self._now, None, NEVER_NS
+        assert reading is not None
+        reading.take(value)
+        self._begin_next(now_ns)

@@ -1,0 +1,153 @@
+"""What PEs keep for people, read by SDO: why their modules failed, and how often their computers stood still.
+
+    failure of a module      read when an EMCY has told of it, and told as an event. The last one of each module is kept
+    traceback                read when the operator asks for it, from the PE that reported the last failure
+    standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
+                             the status. More long ones than before are told as an event, with the longest of them if
+                             the PE never had a longer one: they may be the reason why the PE was not heard
+
+Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
+What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
+`object_reader`; nothing is decided by these values.
+"""
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from functools import cache, partial
+from typing import Any
+
+from heronry_dg.situation import hosts_when_all_is_up
+from heronry_manager.core.mastership import Claim
+from heronry_manager.core.object_reader import ObjectReader
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
+from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
+from heronry_wire.failure_text import plain_reason, plain_traceback
+from heronry_wire.protocol_times import t_lease_ns
+from heronry_wire.sdo import read_number
+from heronry_wire.standstill import Standstills, StoodStill
+
+_COUNTERS = ((3, "times"), (4, "long_times"), (5, "last_long_ms"), (6, "longest_ms"))  # sub-indices, and what they are
+_NS_PER_MS = 1_000_000
+
+
+class Look(Enum):
+    """Why the standstills of a PE are read."""
+
+    BEGIN = "it joins: what was before does not matter"
+    TELL = "it was not heard: tell of new ones"
+    SHOW = "the status shows them"
+
+
+class PeDetails:
+    """Reads and keeps the details of all PEs, and counts the standstills of this manager."""
+
+    def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
+        self._spec, self._turn, self._claim = settings.spec, turn, claim
+        self._is_wanted = settings.reads_objects
+        self.reader = ObjectReader(turn.ask)
+        self.own = Standstills(settings.bus.heartbeat_ns)
+        self._node = f"manager {settings.node}"
+        self._again_after_ns = t_lease_ns(settings.bus.heartbeat_ns)
+        self._heard: dict[tuple[str, str], tuple[object, int]] = {}  # last EMCY by PE and module, and when it came
+        self._failures: dict[str, dict[str, Any]] = {}  # by element
+        self._standstills: dict[str, dict[str, int]] = {}  # by PE
+        self._compared: dict[str, dict[str, int]] = {}  # by PE: with which the next ones are compared
+        self._position = cache(self._position_in_table)
+
+    def stood_still(self, event: StoodStill) -> None:
+        """Count a standstill of the computer of this manager, and tell a long one."""
+        if self.own.count(event, self._turn.now_ns):
+            self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
+
+    def failed(self, pe: str, element: str, emergency: object) -> None:
+        """Read why a module has failed; the EMCY is repeated, and read for once."""
+        before, at_ns = self._heard.get((pe, element), (None, 0))
+        self._heard[pe, element] = emergency, self._turn.now_ns
+        if before == emergency and self._turn.now_ns - at_ns <= self._again_after_ns:
+            return
+
+        def take(value: bytes | None) -> None:
+            text = "" if value is None else plain_reason(value.decode("ascii", "replace"))
+            if text:
+                self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
+                self._turn.emit("module_failed", element=element, by=pe, text=text)
+
+        self._read(pe, MODULE_FAILURES, self._position(pe, element), take)
+
+    def traceback(self, element: str, answer: Callable[[str | None, str], None]) -> None:
+        """Read the traceback of a module's last failure; `answer` gets it, or None and a sentence that says why not."""
+        known = self._failures.get(element)
+        if known is None:
+            answer(None, f"no failure of {element} is known to this manager: see 'heronry status'")
+            return
+        pe = known["by"]
+
+        def take(value: bytes | None) -> None:
+            if value:
+                answer(plain_traceback(value.decode("ascii", "replace")), "")
+            elif value is None:
+                answer(None, f"{pe} does not give the traceback of {element}: look into the log of its agent")
+            else:
+                answer(None, f"{pe} has no traceback of {element}: no exception was raised ({known['text']})")
+
+        self._read(pe, MODULE_TRACEBACKS, self._position(pe, element), take)
+
+    def look_at_standstills(self, pe: str, look: Look) -> None:
+        """Read how often the computer of a PE has stood still."""
+        found: dict[str, int] = {}
+
+        def take(key: str, value: bytes | None) -> None:
+            if value is not None:
+                found[key] = read_number(value)
+            if key == "longest_ms" and len(found) == len(_COUNTERS):
+                self._found_standstills(pe, found, look)
+
+        for sub_index, key in _COUNTERS:
+            self._read(pe, COUNTERS, sub_index, partial(take, key))
+
+    def end_of_step(self) -> None:
+        """Give up what is being read when this manager is no longer active."""
+        if not self._claim.is_active:
+            self.reader.give_up(self._turn.now_ns)
+
+    def failures(self) -> list[dict[str, Any]]:
+        """Give the last failure of each module, oldest first: element, by, text, for_ns."""
+        now_ns = self._turn.now_ns
+        kept = sorted(self._failures.values(), key=lambda one: one["at_ns"])
+        return [{k: v for k, v in one.items() if k != "at_ns"} | {"for_ns": now_ns - one["at_ns"]} for one in kept]
+
+    def standstills(self, pe: str) -> Mapping[str, int] | None:
+        """Give what is known of the standstills of a PE: times, long_times, last_long_ms, longest_ms; None: nothing."""
+        return self._standstills.get(pe)
+
+    def own_standstills(self) -> dict[str, int]:
+        """Give the standstills of this manager in the same form."""
+        own = self.own
+        times_ms = {"last_long_ms": own.last_long_ns // _NS_PER_MS, "longest_ms": own.longest_ns // _NS_PER_MS}
+        return {"times": own.times, "long_times": own.long_times, **times_ms}
+
+    def _found_standstills(self, pe: str, found: dict[str, int], look: Look) -> None:
+        times, before = found["long_times"], self._compared.get(pe, {"long_times": 0, "longest_ms": 0})
+        self._standstills[pe] = found
+        if look is not Look.SHOW:  # else a status that is asked for just then would hide what has to be told
+            self._compared[pe] = found
+        has_restarted = times < before["long_times"]  # and counts anew
+        if look is not Look.TELL or times == (0 if has_restarted else before["long_times"]):
+            return
+        is_longest_new = has_restarted or found["longest_ms"] > before["longest_ms"]
+        for_ms = found["longest_ms"] if is_longest_new else found["last_long_ms"]
+        self._turn.emit("stood_still", by=pe, for_ns=for_ms * _NS_PER_MS, times=times)
+
+    def _read(self, pe: str, index: int, sub_index: int, take: Callable[[bytes | None], None]) -> None:
+        is_possible = self._is_wanted and self._claim.is_active and not self._turn.silent
+        if is_possible and self._spec.manager.bus in self._spec.pes[pe].buses and sub_index:
+            self.reader.read(self._spec.pes[pe].node_id, index, sub_index, take, self._turn.now_ns)
+        else:
+            take(None)
+
+    def _position_in_table(self, pe: str, element: str) -> int:
+        """Give the place of a module among those of a PE's table, from 1; 0: it is not in that table."""
+        name = element.partition(":")[2]
+        modules = [one.name for one in self._spec.modules.values() if pe in hosts_when_all_is_up(self._spec, one)]
+        return modules.index(name) + 1 if name in modules else 0

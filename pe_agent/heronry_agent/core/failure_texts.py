@@ -1,0 +1,29 @@
+"""The last failure of each module as text: what an EMCY has no room for.
+
+The agent keeps one reason and one traceback for each module of its table, at most 2.2 kB: the newest failure replaces
+the one before it. The texts stay until the agent ends, also when the fault is cleared or the module runs again, so a
+reader may come late. Objects 2015h and 2016h give them to any SDO client; the manager reads the reason when an EMCY
+has told it of the failure. A text comes from the code of a module, so it is made plain first (`failure_text`).
+"""
+
+from heronry_agent.core.vocabulary import Failure
+from heronry_wire.failure_text import plain_reason, plain_traceback
+
+_NONE = Failure("")
+
+
+class FailureTexts:
+    """The failures of the modules of one PE."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, Failure] = {}  # by index of the module
+
+    def found(self, module: int, failure: Failure) -> str:
+        """Keep a failure as the last one of its module; gives the reason as it may be shown."""
+        plain = Failure(plain_reason(failure.reason), plain_traceback(failure.traceback))
+        self._last[module] = plain
+        return plain.reason
+
+    def last(self, module: int) -> Failure:
+        """Give the last failure of a module; its texts are empty if there was none."""
+        return self._last.get(module, _NONE)

@@ -1,0 +1,271 @@
+"""What a manager reads from PEs by SDO for people: why modules failed, tracebacks, standstills of computers."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from heronry_manager.core.object_reader import SILENCE_NS
+from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
+from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import emcy_id, sdo_response_id
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.sansio import Send
+from heronry_wire.sdo import (
+    EXPEDITED,
+    LAST_SEGMENT,
+    SEGMENT_UPLOAD,
+    SIZE_GIVEN,
+    TOGGLE,
+    UPLOAD,
+    UPLOAD_ANSWER,
+    Abort,
+    abort_message,
+    read_head,
+    segment,
+    with_data,
+    with_number,
+)
+from heronry_wire.standstill import StoodStill
+from manager.one_manager import MS, OneManager
+
+LEFT = 92
+CONTROL, DRIVE_LEFT = 0, 1  # indices in the spec
+TEXT = "ValueError: no such angle (control.py:12)"
+
+
+class Reading(OneManager):
+    """A manager that reads objects; the PEs answer with what `objects` holds, by node, index and sub-index."""
+
+    def __init__(self) -> None:
+        super().__init__(reads_objects=True)
+        self.objects: dict[tuple[int, int, int], bytes] = {}
+        self.asked: list[tuple[int, int, int]] = []
+        self.replies: list[Reply] = []
+        self.spoil: Callable[[bytes], bytes] = lambda answer: answer
+        self.is_deaf = False
+        self._rest = b""
+        self._toggle = 0
+
+    def give(self, event: Any) -> list[ManagerAction]:
+        actions = super().give(event)
+        self.replies += [action for action in actions if isinstance(action, Reply)]
+        for action in actions:
+            if isinstance(action, Send) and 0x600 < action.frame.can_id < 0x680 and not self.is_deaf:
+                self._answer(action.frame)
+        return actions
+
+    def _answer(self, frame: Frame) -> None:
+        node, message = frame.can_id - 0x600, frame.data
+        self.now_ns += MS
+        self.hear(Frame(sdo_response_id(node), self.spoil(self._said(node, message))))
+
+    def _said(self, node: int, message: bytes) -> bytes:
+        if message[0] == UPLOAD:
+            index, sub_index, _ = read_head(message)
+            self.asked.append((node, index, sub_index))
+            value = self.objects.get((node, index, sub_index))
+            if value is None:
+                return abort_message(index, sub_index, Abort.NO_DATA)
+            if 0 < len(value) <= 4:
+                command = UPLOAD_ANSWER | EXPEDITED | SIZE_GIVEN | 4 - len(value) << 2
+                return with_data(command, index, sub_index, value)
+            self._rest, self._toggle = value, 0
+            return with_number(UPLOAD_ANSWER | SIZE_GIVEN, index, sub_index, len(value))
+        assert message[0] == SEGMENT_UPLOAD | self._toggle
+        part, self._rest = self._rest[:7], self._rest[7:]
+        answer = segment(self._toggle | 7 - len(part) << 1 | (0 if self._rest else LAST_SEGMENT), part)
+        self._toggle ^= TOGGLE
+        return answer
+
+    def emcy(self, code: FaultCode, module: int, detail: int = 0) -> None:
+        self.hear(Frame(emcy_id(LEFT), Emergency(code, 0x81, ElementKind.MODULE, module, detail).encode()))
+
+    def told(self, kind: str) -> list[dict[str, Any]]:
+        return [{k: v for k, v in one.items() if k not in ("v", "t_ns", "event")} for one in self.events_of(kind)]
+
+    def events_of(self, kind: str) -> list[dict[str, Any]]:
+        return [one for one in self.events if one["event"] == kind]
+
+    def ask(self, order: AskStatus | AskTraceback) -> Reply:
+        self.give(OperatorSaid(1, order))
+        return self.replies[-1]
+
+    def status(self) -> dict[str, Any]:
+        found = self.ask(AskStatus()).status
+        assert found is not None
+        return dict(found)
+
+    def is_silent_for_two_beats(self, pe: str) -> None:
+        """Let a PE miss beats, so that it is suspected, and answer."""
+        running = self.running.pop(pe)
+        self.pass_time(45 * MS)
+        self.running[pe] = running
+        self.beat(pe)
+
+    def counters(self, long_times: int, last_long_ms: int) -> None:
+        for sub_index, number in enumerate((30, long_times, last_long_ms, 200), start=3):
+            self.objects[LEFT, COUNTERS, sub_index] = number.to_bytes(4, "little")
+
+
+@pytest.fixture
+def manager() -> Reading:
+    flying = Reading()
+    flying.start()
+    flying.asked.clear()
+    return flying
+
+
+def test_why_a_module_failed_is_told_once_and_shown_in_the_status(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    for _ in range(3):
+        manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    told = {"element": "module:control", "by": "left", "text": TEXT}
+    assert manager.told("module_failed") == [told]
+    manager.pass_time(30 * MS)
+    (kept,) = manager.status()["failures"]
+    assert {key: kept[key] for key in told} == told
+    assert kept["for_ns"] >= 30 * MS
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
+    assert manager.told("module_failed") == [told] * 2
+
+
+def test_a_hostile_text_is_made_plain(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 2] = b"\x1b[2J\xff" + b"x" * 400
+    manager.emcy(FaultCode.MODULE_EXCEPTION, DRIVE_LEFT)
+    (told,) = manager.told("module_failed")
+    assert told["text"].startswith("\\x1b[2J")
+    assert len(told["text"]) == 200
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda answer: answer[:5],
+        lambda answer: bytes((answer[0] ^ TOGGLE,)) + answer[1:],
+        lambda answer: bytes((0x80,)) + answer[1:],
+        lambda _: with_number(UPLOAD_ANSWER | SIZE_GIVEN, MODULE_FAILURES, 1, 1 << 20),
+        lambda _: with_number(UPLOAD_ANSWER | SIZE_GIVEN, MODULE_FAILURES, 2, 5),
+        lambda answer: with_number(UPLOAD_ANSWER | SIZE_GIVEN, MODULE_FAILURES, 1, 3) if answer[0] == 0x41 else answer,
+        lambda answer: bytes((answer[0] | LAST_SEGMENT,)) + answer[1:],
+    ],
+)
+def test_a_wrong_answer_gives_no_text_and_the_next_reading_works(
+    manager: Reading, spoil: Callable[[bytes], bytes]
+) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.spoil = spoil
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    assert manager.told("module_failed") == []
+    manager.spoil = lambda answer: answer
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 2)
+    assert len(manager.told("module_failed")) == 1
+
+
+def test_a_pe_that_does_not_answer_is_given_up_and_the_next_object_is_read(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 2] = TEXT.encode()
+    manager.is_deaf = True
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    manager.emcy(FaultCode.MODULE_RESTARTED, DRIVE_LEFT, 1)
+    manager.pass_time(SILENCE_NS - 10 * MS)
+    manager.is_deaf = False
+    manager.pass_time(20 * MS)
+    assert [one["element"] for one in manager.told("module_failed")] == ["module:drive_left"]
+
+
+def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
+    element = AskTraceback("module:control")
+    assert manager.ask(element).sentence == (
+        "no failure of module:control is known to this manager: see 'heronry status'"
+    )
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    unknown = manager.ask(element)
+    assert (unknown.done, unknown.sentence) == (
+        False,
+        "left does not give the traceback of module:control: look into the log of its agent",
+    )
+    manager.objects[LEFT, MODULE_TRACEBACKS, 1] = b""
+    assert manager.ask(element).sentence == (
+        f"left has no traceback of module:control: no exception was raised ({TEXT})"
+    )
+    manager.objects[LEFT, MODULE_TRACEBACKS, 1] = b"Traceback:\n  File x\nValueError: \x07"
+    answer = manager.ask(element)
+    assert (answer.done, answer.sentence) == (True, "Traceback:\n  File x\nValueError: \\x07")
+
+
+def test_a_manager_that_is_no_longer_active_gives_up_what_it_reads(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    manager.is_deaf = True
+    for number in range(80):  # more than can wait
+        manager.give(OperatorSaid(number, AskTraceback("module:control")))
+    assert len(manager.replies) == 80 - 65
+    for pe in ("left", "middle", "right"):
+        manager.die(pe)
+    manager.pass_time(500 * MS)
+    assert len(manager.replies) == 80
+    assert not any(reply.done for reply in manager.replies)
+
+
+def test_a_late_answer_of_another_node_or_none_at_all_is_dropped(manager: Reading) -> None:
+    manager.hear(Frame(sdo_response_id(LEFT), bytes(8)))
+    manager.is_deaf = True
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    manager.hear(Frame(sdo_response_id(93), bytes(8)))
+    manager.is_deaf = False
+    manager.objects[LEFT, MODULE_FAILURES, 1] = b"no"
+    manager.hear(Frame(sdo_response_id(LEFT), manager._said(LEFT, with_data(UPLOAD, MODULE_FAILURES, 1))))
+    assert [one["text"] for one in manager.told("module_failed")] == ["no"]
+
+
+def test_a_standstill_of_a_pe_is_told_when_it_was_not_heard(manager: Reading) -> None:
+    """A status that was asked for before does not hide it: here the status has read the counters already."""
+    manager.counters(3, 90)
+    assert manager.status()["pes"]["left"]["standstills"] is None
+    counted = {"times": 30, "long_times": 3, "last_long_ms": 90, "longest_ms": 200}
+    assert manager.status()["pes"]["left"]["standstills"] == counted
+    assert manager.told("stood_still") == []
+    manager.pass_time(100 * MS)
+    manager.is_silent_for_two_beats("left")
+    assert manager.told("stood_still") == [{"by": "left", "for_ns": 200 * MS, "times": 3}]
+    manager.counters(4, 140)
+    manager.pass_time(100 * MS)
+    manager.is_silent_for_two_beats("left")
+    assert manager.told("stood_still")[1:] == [{"by": "left", "for_ns": 140 * MS, "times": 4}]
+
+
+def test_the_longest_standstill_is_told_if_the_pe_never_had_a_longer_one(manager: Reading) -> None:
+    manager.counters(2, 30)
+    manager.is_silent_for_two_beats("left")
+    assert manager.told("stood_still") == [{"by": "left", "for_ns": 200 * MS, "times": 2}]
+
+
+def test_a_pe_that_has_restarted_counts_anew(manager: Reading) -> None:
+    for times, expected in ((9, 1), (9, 1), (0, 1), (2, 2), (1, 3)):
+        manager.counters(times, 50)
+        manager.is_silent_for_two_beats("left")
+        assert len(manager.told("stood_still")) == expected
+
+
+def test_a_standstill_of_the_managers_own_computer_is_told_and_counted(manager: Reading) -> None:
+    for for_ms in (6, 140, 30):
+        manager.give(StoodStill(for_ms * MS))
+    assert manager.told("stood_still") == [{"by": "manager 126", "for_ns": 140 * MS, "times": 1}]
+    counted = {"times": 3, "long_times": 2, "last_long_ms": 30, "longest_ms": 140}
+    assert manager.status()["manager"]["standstills"] == counted
+
+
+def test_a_module_that_is_not_in_the_table_of_the_pe_is_not_asked_for(manager: Reading) -> None:
+    manager.emcy(FaultCode.MODULE_EXCEPTION, 2)  # drive_right is bolted to another PE
+    assert [one for one in manager.asked if one[1] == MODULE_FAILURES] == []
+
+
+def test_by_default_nothing_is_read() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.hear(Frame(emcy_id(LEFT), Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, 0, 0).encode()))
+    assert [frame for frame in manager.frames if 0x600 < frame.can_id < 0x680] == []
+    assert not manager.core.hears(sdo_response_id(LEFT))
+    assert Reading().core.hears(sdo_response_id(LEFT))

@@ -1,0 +1,118 @@
+"""Runs one module without a bus: built, and stepped some times with the same inputs, as its partition would.
+
+The code is that of a partition (`heronry_agent.shell.module_runner`), in this process. Time is the module's own: each
+step is one period after the one before, however long it takes here. What a partition would refuse to send is a failure.
+"""
+
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from heronry_agent.core.vocabulary import Failure
+from heronry_agent.module import Datum, Value
+from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
+from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
+from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
+from heronry_wire.sansio import NEVER_NS
+
+_MODULE = 0
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(slots=True)
+class Trial:
+    """The steps that a module has computed, and how it failed, if it did; `failed_in` is 0 before the first step."""
+
+    steps: list[Result] = field(default_factory=list)
+    failure: Failure | None = None
+    failed_in: int = 0
+    longest_ns: int = 0
+
+    def document(self) -> dict[str, Any]:
+        """Give the trial as plain data; bytes as hexadecimal digits."""
+        failure = None
+        if self.failure is not None:
+            failure = {"in_step": self.failed_in, "reason": self.failure.reason, "traceback": self.failure.traceback}
+        return {
+            "v": 1,
+            "ok": self.failure is None,
+            "steps": [
+                {
+                    "outputs": {name: _plain(value) for name, value in one.outputs.items()},
+                    "writes": [_plain(value) for value in one.writes],
+                    "reports": [list(report) for report in one.reports],
+                    "phases": list(one.phases),
+                }
+                for one in self.steps
+            ],
+            "failure": failure,
+            "longest_step_ns": self.longest_ns,
+        }
+
+
+def expect_there(image: str) -> None:
+    """Look for the code of an image, also in the present folder; raises UnknownImageError where there is none.
+
+    Code that is there and fails when it is imported is a result of the trial.
+    """
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        find_image(image)
+    except UnknownImageError as error:
+        missing = error.__cause__
+        if missing is None or (isinstance(missing, ModuleNotFoundError) and image.startswith(str(missing.name))):
+            raise
+    except Exception:  # noqa: BLE001 - foreign code; the trial tells of it
+        return
+
+
+def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
+    """Build a module and step it."""
+    trial, now_ns = Trial(), 0
+    runner = ModuleRunner(lambda: now_ns)
+    trial.failure = runner.start(_MODULE, orders, now_ns)
+    leaves = {str(at): (name, Datum(value, 1, 0)) for at, (name, value) in enumerate(inputs.items())}
+    while trial.failure is None and len(trial.steps) < steps:
+        trial.failed_in = len(trial.steps) + 1
+        begun_ns = time.perf_counter_ns()
+        result = runner.step(_MODULE, now_ns, NEVER_NS, reading, leaves)
+        trial.longest_ns = max(trial.longest_ns, time.perf_counter_ns() - begun_ns)
+        trial.failure = result if isinstance(result, Failure) else _uncarriable(result)
+        if isinstance(result, Result) and trial.failure is None:
+            trial.steps.append(result)
+        now_ns += orders.period_ns
+    return trial
+
+
+def read_value(text: str) -> Value:
+    """Read a value as a module gets it: a whole number, a number, whole numbers with commas between, or else a text."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    try:
+        return tuple(int(part) for part in text.split(",")) if "," in text else text
+    except ValueError:
+        return text
+
+
+def period_ns(rate_hz: float) -> int:
+    """Time between two steps."""
+    return round(_NS_PER_S / rate_hz)
+
+
+def _uncarriable(result: Result) -> Failure | None:
+    try:
+        encode_answer(Done(_MODULE, 0, 0, result))
+    except Uncarriable as error:
+        return Failure(str(error))
+    return None
+
+
+def _plain(value: Value) -> Any:
+    return value.hex() if isinstance(value, bytes) else value

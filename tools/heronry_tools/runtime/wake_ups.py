@@ -1,0 +1,77 @@
+"""How late this computer lets processes run under its present load, and what heartbeat period that allows.
+
+A short rehearsal: as many processes as are to fly, each of which wakes on a grid, computes for a moment, and notes how
+late it was with that, less its own processor time. One process that only sleeps would see nothing: the kernel lets it
+run at once, while a fleet of them waits for each other.
+
+A node that is late by L sends its state L late, so others hear nothing for its period P and L. They call it lost after
+3 1/4 P of silence, so P must be more than L / 2 1/4. P = 2 L leaves four times that, for what a short rehearsal has not
+seen.
+"""
+
+import os
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+from heronry_dg.model import Spec
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
+
+LONGEST_HEARTBEAT_NS = 16 * USUAL_HEARTBEAT_NS
+_GRID_NS, _WORK_NS = 10_000_000, 400_000  # about what an agent of the shipped aircraft takes
+
+
+def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
+    """Rehearse with this many processes for this long; gives the worst lateness, in ns.
+
+    niceness: as of setpriority(2); a negative one is ignored where this user may not use it.
+    """
+    end_ns = time.monotonic_ns() + round(seconds * 1e9)
+    pipe, theirs = os.pipe()
+    children = []
+    try:
+        for _ in range(processes):
+            child = os.fork()
+            if child == 0:
+                _rehearse(theirs, end_ns, niceness)
+            children.append(child)
+    finally:
+        os.close(theirs)
+        with os.fdopen(pipe, "rb") as answers:
+            worst_ns = max((int(answer) for answer in answers), default=0)
+        for child in children:
+            os.waitpid(child, 0)
+    return worst_ns
+
+
+def kept_heartbeat_ns(late_ns: int) -> int:
+    """Heartbeat period that a node keeps which is up to `late_ns` late: the usual one, doubled as often as needed."""
+    period_ns = USUAL_HEARTBEAT_NS
+    while period_ns < 2 * late_ns and period_ns < LONGEST_HEARTBEAT_NS:
+        period_ns *= 2
+    return period_ns
+
+
+def with_heartbeat(spec: Spec, at_least_ns: int) -> Spec:
+    """Give the spec with no heartbeat period shorter than this; its digest stays, since no plan depends on it."""
+    slower = (replace(bus, heartbeat_ns=max(bus.heartbeat_ns, at_least_ns)) for bus in spec.buses.values())
+    return replace(spec, buses={bus.name: bus for bus in slower})
+
+
+def _rehearse(pipe: int, end_ns: int, niceness: int) -> None:
+    """Be one of the processes, and end with it."""
+    worst_ns = 0
+    try:
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, niceness)
+        due_ns = time.monotonic_ns() + _GRID_NS
+        while due_ns < end_ns:
+            time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
+            used_ns = time.thread_time_ns()
+            while time.thread_time_ns() - used_ns < _WORK_NS:
+                pass
+            worst_ns = max(worst_ns, time.monotonic_ns() - due_ns - _WORK_NS)
+            due_ns = max(due_ns + _GRID_NS, time.monotonic_ns())
+        os.write(pipe, b"%d\n" % worst_ns)
+    finally:
+        os._exit(0)
