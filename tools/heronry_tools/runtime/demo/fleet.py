@@ -236,7 +236,7 @@ class Fleet:
         self._end(signal.SIGTERM)
 
     def _end(self, number: signal.Signals) -> None:
-        """Send all processes a signal, and kill what goes on; somebody who interrupts a demo does not wait for its nodes."""
+        """Send all processes a signal, and kill what goes on; an interrupted demo does not wait for its nodes."""
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(number)
