@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         "--state-dir",
         type=Path,
         metavar="DIR",
-        help="folder that keeps the boot count (without a folder the count is taken from the clock)",
+        help="folder that keeps the boot count (without a folder the count is drawn at random)",
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="key file of 'heronry key': refuse commands made without this key"

@@ -2,17 +2,16 @@
 
 If the count is kept in a folder, it goes up by one with each start. Its file is replaced as a whole and fsynced before
 the agent sends its first frame, so a crash at any moment leaves the old number or the new one. Without a folder, or if
-the file does not hold a number, the count is drawn from the clock, and one restart in 256 is not recognized.
+the file does not hold a number, the count is drawn at random, and one restart in 256 is not recognized.
 """
 
 import os
-import time
 from pathlib import Path
+from secrets import randbelow
 
 from heronry_wire.errors import HeronryError
 
 _INCARNATIONS = 256
-_NS_PER_MS = 1_000_000
 
 
 class IncarnationError(HeronryError):
@@ -37,7 +36,7 @@ def next_incarnation(folder: Path | None, node: int) -> int:
 
 
 def _drawn() -> int:
-    return time.time_ns() // _NS_PER_MS % _INCARNATIONS
+    return randbelow(_INCARNATIONS)
 
 
 def _replace(file: Path, text: str) -> None:
