@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.wire_limits import require_wire_limits
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
@@ -40,8 +41,9 @@ PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as
 
 
 def mastership(arguments: argparse.Namespace) -> int:
-    """Run a manager; returns 0, or 1 where it ended by itself."""
+    """Run a manager; returns 0, or 1 where it ended by itself; raises WireLimitError where the wire is too narrow."""
     spec = with_heartbeat(load_spec_file(arguments.spec), arguments.slower_heartbeat_ns)
+    require_wire_limits(spec)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
     bus = spec.buses[spec.manager.bus]
