@@ -122,7 +122,7 @@ class ManagerDriver:
         if self._journal is None:
             return
         if self._link.nothing_waits:
-            self._journal.sync()
+            self._journal.sync(time.monotonic_ns())
         if self._journal.problem != self._journal_problem:
             self._journal_problem = self._journal.problem
             self._step(JournalTold(self._journal_problem))

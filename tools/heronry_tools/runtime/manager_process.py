@@ -79,6 +79,8 @@ def mastership(arguments: argparse.Namespace) -> int:
 
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
+            if journal is not None and journal.warning is not None:
+                _say(journal.warning)
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
             core = ManagerCore(
                 spec,
@@ -125,11 +127,14 @@ def _has_solver() -> bool:
         import_module("ortools")
     except ModuleNotFoundError:
         how = 'pip install "heronry[manager]"'
-        said = f"heronry: ortools is not installed, so only the greedy planner is used; add it with: {how}"
-        with suppress(OSError):  # a full disk must not stop the manager
-            print(said, file=sys.stderr)
+        _say(f"ortools is not installed, so only the greedy planner is used; add it with: {how}")
         return False
     return True
+
+
+def _say(sentence: str) -> None:
+    with suppress(OSError):  # a full disk must not stop the manager
+        print(f"heronry: {sentence}", file=sys.stderr)
 
 
 def default_state_dir(spec_name: str) -> Path:
