@@ -128,7 +128,7 @@ class ManagerDriver:
             self._step(JournalTold(self._journal_problem))
 
     def _wait_s(self) -> float | None:
-        deadlines = [self._link.next_deadline_ns(), self._core_due_ns()]
+        deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 
