@@ -61,7 +61,7 @@ lint: .venv/ready-to-test
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 	.venv/bin/lint-imports
-	$(PYTEST) tests/wire/test_bytes_of_frames.py tests/lab/tests/test_retired_words.py
+	$(PYTEST) tests/wire/test_bytes_of_frames.py tests/lab/tests/test_clock_of_the_day.py tests/lab/tests/test_retired_words.py
 	.venv/bin/heronry check --quiet dg_specs
 
 clean:

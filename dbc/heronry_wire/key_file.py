@@ -42,7 +42,7 @@ def read_key(file: Path) -> Key:
 
 def make_key(file: Path) -> Key:
     """Draw a key and write it to a new file; raises KeyFileError where the file exists or cannot be made."""
-    secret = os.urandom(KEY_BYTES)
+    secret, descriptor = os.urandom(KEY_BYTES), -1
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)
         with os.fdopen(descriptor, "w", encoding="ascii") as stream:
@@ -52,5 +52,7 @@ def make_key(file: Path) -> Key:
     except FileExistsError as error:
         raise KeyFileError(f"{file} is there already; a key is never written over: name another file") from error
     except OSError as error:
+        if descriptor >= 0:
+            file.unlink(missing_ok=True)  # this call made it, and it holds no key
         raise KeyFileError(f"{file}: {error.strerror}; name a file in a folder that can be written") from error
     return Key(secret)

@@ -64,6 +64,10 @@ class Layout:
             at += field.bits
         raise ValueError(f"{self.name} has no field {name} of whole bytes")
 
+    def largest(self, name: str) -> int:
+        """Largest number that a field holds."""
+        return next(mask for field, _, mask in self._steps if field == name)
+
     def fields_of(self, data: bytes) -> tuple[int, ...]:
         """Decode one value per field; the caller has checked that the payload has the length of this layout."""
         number = int.from_bytes(data, "big")

@@ -6,8 +6,8 @@ received"). Only then does the next most urgent frame follow, so that a more urg
 first. An echo that does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and
 counted; if it comes after all, it is still recognized and taken out.
 
-Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock. So a process that was
-paused does not take old frames for new ones.
+Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
+process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
 
 If the controller's own queue is full (ENOBUFS, a busy mailbox), the link tries the frame again a millisecond later. No
 error ends a link that was once open:
@@ -42,6 +42,7 @@ from typing import Any, NamedTuple
 
 import can
 
+from heronry_wire.arrival_times import ArrivalTimes
 from heronry_wire.bus_health import BusHealth
 from heronry_wire.bus_opening import LinkError, Opened, bus_name, look_at_interface, open_bus
 from heronry_wire.controller import ControllerState, read_error_frame
@@ -91,6 +92,7 @@ class Link:
         self._wanted: frozenset[int] | None = None  # None: all identifiers
         self._sent: set[int] = set()  # identifiers whose echoes must pass the filters
         self._overruns = 0
+        self._times = ArrivalTimes()
         self._config = {**config, "receive_own_messages": True}
         self._is_well_known = False
         self._fileno = -1
@@ -169,7 +171,7 @@ class Link:
         Echoes and error frames are not among them.
         """
         arrivals: list[Arrival] = []
-        wall_ns = time.time_ns()
+        self._times.look()
         self.has_more = False
         with self._surviving(now_ns):
             for _ in range(_BURST):
@@ -180,10 +182,11 @@ class Link:
                     continue
                 if message is None:
                     if self._has_nothing_left():
+                        self._times.found_empty()
                         return arrivals
                     continue
                 frame = frame_of(message)
-                age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
+                age_ns = self._times.age_ns(message) if self._is_well_known else 0
                 if frame.error:
                     self._take_error_frame(frame, now_ns)
                 elif self._wants(frame) and not self._is_echo(frame, now_ns, age_ns):

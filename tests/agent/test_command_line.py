@@ -9,7 +9,6 @@ import pytest
 
 from agent.one_pe import GATEWAY_TABLE, TABLE
 from heronry_agent.shell.cli import main
-from heronry_agent.shell.incarnation import IncarnationError, next_incarnation
 
 
 @pytest.fixture
@@ -109,25 +108,3 @@ def test_the_small_install_is_enough() -> None:
     program = f"import heronry_agent.shell.cli, sys; print(*(set({heavy!r}.split()) & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert done.stdout.split() == []
-
-
-def test_the_boot_count_goes_up_with_each_start_and_wraps(tmp_path: Path) -> None:
-    folder = tmp_path / "state"
-    first = next_incarnation(folder, 93)
-    assert next_incarnation(folder, 93) == (first + 1) % 256
-    (folder / "pe-93.incarnation").write_text("255\n")
-    assert next_incarnation(folder, 93) == 0
-    assert next_incarnation(folder, 93) == 1
-
-
-@pytest.mark.parametrize("content", ["", "nonsense", "-4", "²"])
-def test_a_boot_count_that_is_no_number_is_drawn_anew(tmp_path: Path, content: str) -> None:
-    (tmp_path / "pe-93.incarnation").write_text(content)
-    assert 0 <= next_incarnation(tmp_path, 93) <= 255
-    assert (tmp_path / "pe-93.incarnation").read_text().strip().isdecimal()
-
-
-def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(IncarnationError, match="--state-dir"):
-        next_incarnation(tmp_path / "file", 93)

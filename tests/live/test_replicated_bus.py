@@ -102,7 +102,6 @@ class Flight:
         choices = choose(self.spec, self.fleet.folder, {}, wires.named)
         self.fleet.start_buses(choices)
         self._ear = stack.enter_context(Ear(choices["can0"], self.spec.buses["can0"]))
-        self._offset_ns = time.monotonic_ns() - time.time_ns()
         self.witness = Witness(self.spec)
         self._stream = EventStream(self.fleet.start_manager())
         for pe in self.spec.pes:
@@ -115,8 +114,8 @@ class Flight:
             readers: list[Any] = [self._stream, *self._ear.readers]
             select.select(readers, [], [], 0.1)
             self.events += self._stream.take()
-            for seconds, frame in self._ear.hear():
-                self.witness.see(int(seconds * 1e9) + self._offset_ns, frame)
+            for time_ns, frame in self._ear.hear():
+                self.witness.see(time_ns, frame)
             words = self.fleet.ended()
             assert words is None, words
             assert time.monotonic() < until_s, f"waited for: {what}; told: {self.events[-20:]}"

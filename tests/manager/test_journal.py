@@ -7,10 +7,12 @@ import os
 import resource
 import signal
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import accumulate
 from pathlib import Path
+from threading import Event
+from time import sleep
 
 import pytest
 from hypothesis import given, settings
@@ -35,7 +37,7 @@ from heronry_manager.core.memory import (
     from_json,
     is_number,
 )
-from heronry_manager.shell.journal import Journal, JournalError, recovered, whole_journal, written
+from heronry_manager.shell.journal import RETRY_NS, Journal, JournalError, recovered, whole_journal, written
 from manager.one_manager import SPEC_TEXT, two_tails
 from thoroughness import part_of
 
@@ -267,7 +269,7 @@ def test_a_spec_that_has_changed_is_refused_until_told_otherwise(tmp_path: Path)
         Journal(tmp_path, NODE, SPEC)
 
 
-@pytest.mark.parametrize("data", [b"", b"3\n", DATA[: len(HEAD) // 4]])
+@pytest.mark.parametrize("data", [b"\n", b"3\n", DATA[: len(HEAD) // 4]])
 def test_what_is_no_journal_is_left_alone(tmp_path: Path, data: bytes) -> None:
     file = tmp_path / "manager-126.journal"
     file.write_bytes(data)
@@ -306,7 +308,7 @@ def test_a_full_disk_stops_no_manager_and_once_there_is_room_again_all_of_it_is_
             with full_disk(room):
                 journal.write(record)
                 assert (journal.problem is None) is (room == resource.RLIM_INFINITY)
-                journal.sync()
+                journal.sync(0)
                 assert journal.memory == MEMORIES[number + 1]
             held, _ = recovered(journal.file.read_bytes())
             assert held in MEMORIES
@@ -328,8 +330,78 @@ def test_a_disk_that_fails_to_keep_what_it_has_is_reported(tmp_path: Path, monke
     with Journal(tmp_path, NODE, SPEC) as journal:
         journal.write(PhaseEntered("land"))
         monkeypatch.setattr(os, "fsync", fails)
-        journal.sync()
+        sync_until(journal, lambda: journal.problem is not None)
         assert "Input/output error" in (journal.problem or "")
+        journal.sync(0)
+        monkeypatch.undo()
+        journal.sync(RETRY_NS - 1)
+        assert journal.problem is not None
+        journal.sync(RETRY_NS)
+        assert journal.problem is None, "the journal is written anew without waiting for a record"
+
+
+def sync_until(journal: Journal, holds: Callable[[], bool]) -> None:
+    """Turn as the driver does, until something holds."""
+    for _ in range(1000):
+        journal.sync(0)
+        if holds():
+            return
+        sleep(0.01)
+    raise AssertionError("it never holds")
+
+
+def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    is_on_disk, fsync = Event(), os.fsync
+
+    def slow(descriptor: int) -> None:
+        is_on_disk.wait()
+        fsync(descriptor)
+
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        journal.write(PhaseEntered("land"))
+        monkeypatch.setattr(os, "fsync", slow)
+        journal.sync(0)
+        journal.write(PhaseEntered("glide"))
+        journal.sync(0)
+        is_on_disk.set()
+        assert journal.problem is None
+
+
+@pytest.mark.parametrize("name", ["manager-126.journal", "manager-126.new"])
+def test_a_pipe_in_the_place_of_a_file_does_not_hang_the_manager(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    if name.endswith(".new"):
+        with Journal(tmp_path, NODE, SPEC) as journal:
+            assert journal.problem is not None
+    else:
+        with pytest.raises(JournalError, match="this is not an ordinary file; make it readable, or name another"):
+            Journal(tmp_path, NODE, SPEC)
+
+
+def test_a_folder_in_the_place_of_the_lock_is_named(tmp_path: Path) -> None:
+    (tmp_path / "manager-126.lock").mkdir()
+    with pytest.raises(JournalError, match=r"manager-126\.lock is a folder; remove it"):
+        Journal(tmp_path, NODE, SPEC)
+
+
+def test_an_empty_journal_is_begun_anew_and_that_is_told(tmp_path: Path) -> None:
+    (tmp_path / "manager-126.journal").write_bytes(b"")
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        assert "was empty: terms, orders and latched faults of before are not known" in (journal.warning or "")
+        assert journal.memory == NOTHING
+        journal.write(TermBegun(1))
+    with Journal(tmp_path, NODE, SPEC) as journal:
+        assert journal.warning is None
+        assert journal.memory.term == 1
+
+
+def test_a_journal_of_a_later_version_is_refused_and_left_alone(tmp_path: Path) -> None:
+    data = written(0, ["journal", 2, SPEC.name, SPEC.digest]) + written(1, ["term", 7])
+    file = tmp_path / "manager-126.journal"
+    file.write_bytes(data)
+    with pytest.raises(JournalError, match="has format 2, of a later version, and this version reads format 1"):
+        Journal(tmp_path, NODE, SPEC)
+    assert file.read_bytes() == data
 
 
 def test_only_numbers_wait_for_the_disk() -> None:

@@ -1,8 +1,11 @@
 """The policy with the real planners, each in its own process: plans for the next fault are made ahead."""
 
+import os
 import select
+import signal
 from collections.abc import Iterator
 from pathlib import Path
+from time import sleep
 
 import pytest
 
@@ -13,9 +16,11 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_manager.core.planning_policy import PlanningPolicy
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
+from heronry_manager.planner import client
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.shell import planner_processes
 from heronry_manager.shell.planner_processes import PlannerProcesses
 
 FILE = shipped_spec_path("elevator_and_chute")
@@ -40,6 +45,13 @@ class Flown:
     def wait(self) -> list[PlanReady | PlanFailed]:
         select.select(self.processes.readers(), [], [])
         return self.processes.poll()
+
+    def in_time(self) -> PlanReady | PlanFailed:
+        """Wait for the one answer that comes because a budget ends: no process says anything."""
+        while not (answers := self.processes.poll()):
+            sleep(0.01)
+        (answer,) = answers
+        return answer
 
     def immediate(self, plan_request: RequestPlan) -> PlanReady:
         (answer,) = self.processes.take(plan_request)
@@ -101,7 +113,7 @@ def test_a_question_does_not_wait_for_those_ahead(flown: Flown) -> None:
 
 def test_what_the_planner_cannot_answer_is_reported(flown: Flown) -> None:
     nowhere = Situation(phase="nowhere")
-    assert flown.processes.take(RequestPlan(1, nowhere, None)) == []
+    assert flown.processes.take(RequestPlan(1, nowhere, RUNNING, in_background=True)) == []
     while not (answers := flown.wait()):
         pass
     (answer,) = answers
@@ -120,6 +132,65 @@ def test_the_next_phase_is_at_hand_too(tmp_path: Path) -> None:
         flown.settle(Situation(phase="climb"), running)
         glide = Situation(phase="glide")
         assert flown.immediate(RequestPlan(1, glide, running)).plan == plan(spec, glide, running)
+
+
+def stop(planner: PlannerClient) -> int:
+    """Stop the process of a planner that has loaded the solver, as a debugger or a full memory may do."""
+    planner.wait_until_ready()
+    assert planner.process_id is not None
+    os.kill(planner.process_id, signal.SIGSTOP)
+    return planner.process_id
+
+
+def test_a_planner_that_hangs_is_replaced_and_the_greedy_plan_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    with PlannerClient(SPEC, FILE) as planner, PlannerClient(SPEC, FILE) as pre_planner:
+        flown = Flown(SPEC, planner, pre_planner)
+        stopped = stop(planner)
+        monkeypatch.setattr(planner_processes, "AWAITED_NS", 1_000_000)
+        assert flown.processes.take(RequestPlan(1, Situation(), None)) == []
+        answer = flown.in_time()
+        assert isinstance(answer, PlanReady)
+        assert not answer.plan.optimal
+        assert planner.process_id != stopped
+        assert flown.processes.next_deadline_ns() is None
+        running = placement(answer.plan.configuration)
+        assert flown.later(RequestPlan(2, Situation(), running, in_background=True)).plan.optimal
+
+
+def test_a_better_plan_that_does_not_come_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    with PlannerClient(SPEC, FILE) as planner, PlannerClient(SPEC, FILE) as pre_planner:
+        flown = Flown(SPEC, planner, pre_planner)
+        stop(planner)
+        monkeypatch.setattr(planner_processes, "AHEAD_NS", 1_000_000)
+        assert flown.processes.take(RequestPlan(1, TAIL_LOST, RUNNING, in_background=True)) == []
+        answer = flown.in_time()
+        assert isinstance(answer, PlanFailed)
+        assert "did not answer within its budget, and was replaced" in answer.reason
+
+
+def test_a_pre_planner_that_hangs_is_replaced_and_goes_on_with_the_next_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with PlannerClient(SPEC, FILE) as planner, PlannerClient(SPEC, FILE) as pre_planner:
+        flown = Flown(SPEC, planner, pre_planner)
+        stopped = stop(pre_planner)
+        monkeypatch.setattr(planner_processes, "AHEAD_NS", 1_000_000)
+        assert flown.processes.take(Settled(Situation(), RUNNING)) == []
+        monkeypatch.undo()
+        while flown.policy.is_pre_planning:
+            sleep(0.01)
+            assert flown.processes.poll() == []
+        assert pre_planner.process_id != stopped
+        last = list(SPEC.pes)[-1]
+        assert flown.immediate(RequestPlan(1, Situation(frozenset({f"pe:{last}"})), RUNNING)).plan.optimal
+
+
+def test_a_planner_that_hangs_does_not_keep_the_manager_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "_LONGEST_END_S", 0.01)
+    with PlannerClient(SPEC, FILE) as planner:
+        stopped = stop(planner)
+    with pytest.raises(ProcessLookupError):
+        os.kill(stopped, 0)
 
 
 def test_without_a_solver_nothing_is_started() -> None:

@@ -104,7 +104,19 @@ class TestQuestions:
         ready = PlanReady(7, BEST)
         assert policy.step(PlannerAnswered(ready)) == [Answer(ready, Source.PLANNER)]
 
-    def test_a_failure_is_handed_on(self, policy: PlanningPolicy) -> None:
+    def test_a_failure_at_a_better_plan_is_handed_on(self, policy: PlanningPolicy) -> None:
+        policy.step(RequestPlan(7, WELL, RUNNING, in_background=True))
+        failed = PlanFailed(7, "it was killed")
+        assert policy.step(PlannerAnswered(failed)) == [Answer(failed, Source.PLANNER)]
+
+    def test_a_failure_at_the_first_plan_is_answered_by_the_greedy_planner(self, policy: PlanningPolicy) -> None:
+        policy.step(RequestPlan(7, WELL, None))
+        failed = PlannerAnswered(PlanFailed(7, "it was killed"))
+        assert policy.step(failed) == [Answer(PlanReady(7, GREEDY.plan(WELL)), Source.IMMEDIATE)]
+        assert policy.step(failed) == []
+
+    def test_a_failure_is_handed_on_where_there_is_no_immediate_planner(self) -> None:
+        policy = PlanningPolicy(SPEC, None, has_planner=True)
         policy.step(RequestPlan(7, WELL, None))
         failed = PlanFailed(7, "it was killed")
         assert policy.step(PlannerAnswered(failed)) == [Answer(failed, Source.PLANNER)]
@@ -152,6 +164,12 @@ class TestARefusedGreedyPlan:
         policy = PlanningPolicy(SPEC, Overloading(), has_planner=True)
         assert policy.step(self.plan_request) == [AskPlanner(self.plan_request, self.refusal)]
         assert len(policy.step(PlannerAnswered(PlanReady(7, BEST)))) == 1
+
+    def test_is_not_flown_either_where_the_planner_fails(self) -> None:
+        policy = PlanningPolicy(SPEC, Overloading(), has_planner=True)
+        policy.step(self.plan_request)
+        failed = PlanFailed(7, "it was killed")
+        assert policy.step(PlannerAnswered(failed)) == [Answer(failed, Source.PLANNER)]
 
     def test_fails_the_question_where_there_is_no_planner(self) -> None:
         policy = PlanningPolicy(SPEC, Overloading(), has_planner=False)

@@ -1,5 +1,6 @@
 """`heronry key`, and the commands that take a key."""
 
+import resource
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,15 @@ def test_a_pe_agent_refuses_it_too(tmp_path: Path, capsys: pytest.CaptureFixture
     file.chmod(0o640)
     assert pe_agent(["--node", "92", "--key", str(file), "-i", "virtual", "-c", "x"]) == 2
     assert "mode 0640" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_no_empty_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "fleet.key"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        assert main(["key", str(file)]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "File too large" in capsys.readouterr().err
+    assert not file.exists()

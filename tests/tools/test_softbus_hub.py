@@ -20,7 +20,7 @@ from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
 
 PATIENCE_S = 10.0
-HELLO = {"do": "hello", "protocol": 1, "own": False}
+HELLO = {"do": "hello", "protocol": 2, "own": False}
 
 
 @pytest.fixture
@@ -216,7 +216,7 @@ class RawClient:
         (b"rubbish", b"not a hello"),
         (b"{}", b"not a hello"),
         (encode_command({"do": "statistics"}), b"not a hello"),
-        (encode_command({**HELLO, "protocol": 2}), b"speaks protocol 1"),
+        (encode_command({**HELLO, "protocol": 1}), b"speaks protocol 2"),
     ],
 )
 def test_a_client_learns_what_is_wrong_with_its_hello(hub: HubProcess, hello: bytes, complaint: bytes) -> None:

@@ -60,6 +60,19 @@ def test_frames_arrive_once_dated_and_own_ones_do_not_come_back(hub: Path) -> No
         assert sender.echoes_lost == 0
 
 
+@pytest.mark.parametrize("step_ns", [3_600_000_000_000, -3_600_000_000_000])
+def test_a_clock_of_the_day_that_is_set_in_flight_ages_no_frame(
+    hub: Path, step_ns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
+        read_day_ns = time.time_ns
+        monkeypatch.setattr(time, "time_ns", lambda: read_day_ns() + step_ns)
+        before_ns = time.monotonic_ns()
+        sender.send(Frame(1, b"x"), before_ns)
+        (arrival,) = turn(receiver)
+        assert before_ns <= arrival.time_ns <= time.monotonic_ns()
+
+
 def test_what_waits_goes_out_by_priority(hub: Path) -> None:
     with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
         now_ns = time.monotonic_ns()

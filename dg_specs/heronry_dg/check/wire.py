@@ -19,6 +19,7 @@ from heronry_dg.response_times import Response, ResponseTimes
 from heronry_dg.rules import wire as rules
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, criticality_ranks
+from heronry_dg.wire_limits import exceeded
 from heronry_wire.identifiers import ALLOCATED_DATA_IDS
 from heronry_wire.standard_identifiers import StandardIdentifier, standard_identifier
 
@@ -57,10 +58,17 @@ _SHOWN_IN_THE_WAY: Final = 3
 def check(subject: Subject, findings: Findings) -> None:
     """Apply every rule of this file."""
     _standard_identifiers(subject, findings)
+    _limits(subject, findings)
     if lacks_identifiers(subject.spec):
         _too_many(subject, findings)
     else:
         _outranked(subject, findings)
+
+
+def _limits(subject: Subject, findings: Findings) -> None:
+    for excess in exceeded(subject.spec):
+        rule = rules.TOO_LONG_A_SLICE if excess.is_slice else rules.TOO_MANY
+        findings.add(rule, subject.place(excess.section, excess.name), excess.sentence, excess.remedy)
 
 
 def lacks_identifiers(spec: Spec) -> bool:

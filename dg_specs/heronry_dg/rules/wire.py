@@ -15,6 +15,9 @@ _STANDARD: Final = (
     "Displays and recorders of other makers read a standard identifier by CANaerospace's default list (V1.7, section 5)"
 )
 _MORE_THAN_THERE_ARE: Final = 222
+_SMALL: Final = "cpu: 0.001, ram: 10, rate_hz: 10"
+_MORE_RADIOS_THAN_THERE_ARE: Final = 10
+_MORE_THAN_A_SLICE_HAS: Final = 5
 
 
 def _many(count: int) -> str:
@@ -47,6 +50,36 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
         f"  chatter: {{device: probe, gives: {{c1: 1, c2: 1, c3: 1, c4: 1, c5: 1}}, {rest}}}\n"
         f"  logger: {{device: recorder, needs: {{and: [c1, c2, c3, c4, c5]}}, {rest}}}\n"
         "functions: {showing: {output: light, criticality: A}, logging: {output: logger}}\n"
+    )
+
+
+def _radios(count: int) -> str:
+    """Give a gateway to `count` radios, beyond each of which a sensor is read."""
+    numbers = range(count)
+    radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000}}" for number in numbers)
+    names = ", ".join(f"r{number}" for number in numbers)
+    fields = "cpu: 1, ram: 8KiB, flash: 8KiB"
+    far = "".join(f"  far{number}: {{node_id: {93 + number}, buses: [r{number}], {fields}}}\n" for number in numbers)
+    devices = "".join(f"  gps{number}: {{kind: sensor, pe: far{number}}}\n" for number in numbers)
+    modules = "".join(f"  reader{number}: {{device: gps{number}, {RUNS}}}\n" for number in numbers)
+    functions = "".join(f"  reading{number}: {{output: reader{number}}}\n" for number in numbers)
+    return (
+        f"buses: {{can0: {{bitrate: 1000000}}{radios}}}\n"
+        f"pes:\n  nav: {{node_id: 92, buses: [can0, {names}], {fields}}}\n{far}"
+        f"devices:\n{devices}variables: {{}}\nmodules:\n{modules}functions:\n{functions}"
+    )
+
+
+def _displays(count: int) -> str:
+    """Give a driver of a hundred variables, and `count` displays on one PE that each show all of them."""
+    names = [f"datum_{number}" for number in range(100)]
+    reads = f"device: lamp, needs: {{and: [{', '.join(names)}]}}, {_SMALL}"
+    displays = "".join(f"  display_{number}: {{{reads}}}\n" for number in range(count))
+    functions = "".join(f"  showing_{number}: {{output: display_{number}}}\n" for number in range(count))
+    return (
+        f"variables: {{{', '.join(f'{name}: {{type: UCHAR}}' for name in names)}}}\n"
+        f"modules:\n  driver: {{device: gps, gives: {{{', '.join(f'{name}: 1' for name in names)}}}, {_SMALL}}}\n"
+        f"{displays}functions:\n{functions}"
     )
 
 
@@ -111,4 +144,25 @@ STARVED = FAMILY.warning(
         ", identifier: 320", ", identifier: 321", ", identifier: 322", ", identifier: 323", ", identifier: 324"
     ),
     good=_beside_chatter("", "", "", "", ""),
+)
+TOO_MANY = FAMILY.error(
+    "DG507",
+    "too-many-elements",
+    what="There are more devices, modules, modes or radios than a frame or an object of a PE can number.",
+    why="Devices and modes have a byte in the echo of an output, so there are 256 devices, and 256 modes of a module. "
+    "CANopen lists 254 modules of one PE, and numbers 4 096 modules of a system in its error history. 9 gateways can "
+    "report on radios. Beyond that, two elements would look the same, or nobody would hear of one.",
+    fix="Merge elements, or let modules run on fewer PEs (`runs_on`).",
+    bad=_radios(_MORE_RADIOS_THAN_THERE_ARE),
+    good=_radios(_MORE_RADIOS_THAN_THERE_ARE - 1),
+)
+TOO_LONG_A_SLICE = FAMILY.error(
+    "DG508",
+    "slice-too-long",
+    what="The part of a configuration that one PE is to run may need more bytes than SLICE carries, which is 1 275.",
+    why="The PE would refuse the configuration each time it is sent. Counted is the largest part that the PE's CPU and "
+    "RAM can hold: numbers of modules, modes, inputs, outputs and forwarded data, one or two bytes each.",
+    fix="Let fewer modules run on the PE (`runs_on`, another PE), merge small modules, or forward fewer data.",
+    bad=_displays(_MORE_THAN_A_SLICE_HAS),
+    good=_displays(_MORE_THAN_A_SLICE_HAS - 1),
 )

@@ -14,6 +14,7 @@ from heronry_dg.expendable import expendable
 from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
+from heronry_dg.wire_limits import require_wire_limits
 from heronry_manager.core.topology import command_period_ns, radios, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.pe_table import (
@@ -57,8 +58,14 @@ class Compiler:
     def _ranks(self) -> Mapping[str, int]:
         return criticality_ranks(self._spec)
 
+    @cached_property
+    def _fits_the_wire(self) -> bool:
+        require_wire_limits(self._spec)
+        return True
+
     def table(self, pe: str) -> PeTable:
-        """Give the table of one PE."""
+        """Give the table of one PE; raises WireLimitError where the spec exceeds a limit of the wire."""
+        assert self._fits_the_wire
         spec, own = self._spec, self._spec.pes[pe]
         ports = tuple(self._port(pe, bus) for bus in own.buses)
         return PeTable(

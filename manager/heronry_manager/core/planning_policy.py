@@ -15,7 +15,9 @@ immediate plan runs. The sources of a plan, in this order:
     planner         only for background requests: the exact planner, in its own process
     immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
 
-If the verifier refuses a greedy plan, the exact planner answers instead; if there is none, the request fails. Without a
+If the verifier refuses a greedy plan, the exact planner answers instead; if there is none, the request fails. If the
+exact planner fails at a request that is not for a better plan, or does not answer within the budget that the driver
+gives it, the greedy planner answers: a planner that hangs leaves no aircraft without a configuration. Without a
 solver there is no exact planner and nothing is pre-planned: the greedy planner answers everything. Without an immediate
 planner the exact planner answers everything: simulated flights may leave out the greedy planner.
 
@@ -40,8 +42,8 @@ Only the core's requests and reports and the processes' answers change the state
     a failure   The core decides what follows from a failure of the planner (`planning`). A question on which the
                 pre-planner fails is left out.
 
-A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy knows no time: nothing
-limits how long the planner may take for a request.
+A restart forgets everything here; pre-planning begins anew once a configuration runs. The policy knows no time: the
+driver limits how long a process may take, and then gives its failure.
 """
 
 from collections import deque
@@ -146,7 +148,7 @@ class PlanningPolicy:
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
-        self._owed: set[int] = set()  # requests that the planner has not answered
+        self._owed: dict[int, RequestPlan] = {}  # requests that the planner has not answered, by number
         self._pre_planned: dict[Question, Plan] = {}
         self._ahead: deque[Question] = deque()  # to be pre-planned, the next one first
         self._in_pre_planning: PrePlan | None = None
@@ -166,10 +168,8 @@ class PlanningPolicy:
                 self._look_ahead(now, running)
                 return self._pre_plan()
             case PlannerAnswered(answer):
-                if answer.request not in self._owed:
-                    return []
-                self._owed.remove(answer.request)
-                return [Answer(answer, Source.PLANNER)]
+                request = self._owed.pop(answer.request, None)
+                return [] if request is None else [self._in_its_place(request, answer)]
             case PrePlannerAnswered(number, plan):  # pragma: no branch - nothing else is left
                 self._keep(number, plan)
                 return self._pre_plan()
@@ -205,8 +205,16 @@ class PlanningPolicy:
         reason = f"the greedy plan is not legal: {refusals[0]}"
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
+    def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
+        """Answer in the place of a planner that has failed at a plan that the aircraft needs; else give its answer."""
+        if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
+            plan = self._immediate.plan(request.now, request.running)
+            if not verify(self._spec, request.now, plan.configuration):
+                return Answer(PlanReady(request.request, plan), Source.IMMEDIATE)
+        return Answer(answer, Source.PLANNER)
+
     def _ask(self, request: RequestPlan, refusal: Violation | None = None) -> AskPlanner:
-        self._owed.add(request.request)
+        self._owed[request.request] = request
         return AskPlanner(request, refusal)
 
     # Questions ahead

@@ -2,7 +2,7 @@
 
 At most one request is inside the process; further requests wait here in their order, so that a write never meets a full
 pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches `fileno()`, which stays the same for the
-life of the client, and calls `poll()` when that is readable.
+life of the client, and calls `poll()` when that is readable. A process that hangs is the caller's to `cancel`.
 
 Every request gets exactly one answer: `Planned` or `Failed`. If the process ends, its request has failed, and the next
 request starts another process. Requests made before `cancel()` get no answer.
@@ -12,6 +12,7 @@ import os
 import select
 import subprocess
 import sys
+import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ from heronry_manager.planner.messages import (
 from heronry_wire.errors import HeronryError
 
 _CHUNK = 65536
+_LONGEST_END_S = 2.0  # a process that is asked to end
+LONGEST_START_S = 60.0
 
 
 class PlannerError(HeronryError):
@@ -124,11 +127,15 @@ class PlannerClient:
             self._start()
 
     def wait_until_ready(self) -> None:
-        """Block until the process has loaded the solver; raises PlannerError if it ends instead."""
-        while not self.ready:
+        """Block until the process has loaded the solver; raises PlannerError if it ends instead.
+
+        A process that hangs is waited for no longer than `LONGEST_START_S`: its requests will fail, and it is replaced.
+        """
+        until_s = time.monotonic() + LONGEST_START_S
+        while not self.ready and (left_s := until_s - time.monotonic()) > 0:
             if self._process is None:
                 raise PlannerError("the planner's process ended before it was ready; standard error has its message")
-            self._wait()
+            self._wait(left_s)
             self.poll()
 
     def ask(self, now: Situation, running: Placement | None = None) -> Plan:
@@ -149,8 +156,8 @@ class PlannerClient:
         self._selector.close()
         self._file.close()
 
-    def _wait(self) -> None:
-        select.select([self.fileno()], [], [])
+    def _wait(self, longest_s: float | None = None) -> None:
+        select.select([self.fileno()], [], [], longest_s)
 
     def _start(self) -> None:
         self._process = _Process(self._file.fileno(), self._niceness)
@@ -248,4 +255,8 @@ class _Process:
         with suppress(BrokenPipeError):
             self._requests.close()
         self.answers.close()
-        return self._process.wait()
+        try:
+            return self._process.wait(None if kill else _LONGEST_END_S)
+        except subprocess.TimeoutExpired:  # it hangs
+            self._process.kill()
+            return self._process.wait()

@@ -122,13 +122,13 @@ class ManagerDriver:
         if self._journal is None:
             return
         if self._link.nothing_waits:
-            self._journal.sync()
+            self._journal.sync(time.monotonic_ns())
         if self._journal.problem != self._journal_problem:
             self._journal_problem = self._journal.problem
             self._step(JournalTold(self._journal_problem))
 
     def _wait_s(self) -> float | None:
-        deadlines = [self._link.next_deadline_ns(), self._core_due_ns()]
+        deadlines = [self._link.next_deadline_ns(), self._planners.next_deadline_ns(), self._core_due_ns()]
         waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
         return max(0, min(waits_ns)) / 1e9 if waits_ns else None
 

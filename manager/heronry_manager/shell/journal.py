@@ -16,13 +16,16 @@ frame is sent. After a restart `memory.reserved[kind]` is the last number that m
 When each part is on disk:
 
     terms, blocks of numbers   fsynced before `write` returns, hence before any later frame
-    facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by `sync`,
-                               which the driver calls when no frame waits to be sent
+    facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by a thread
+                               that `sync` starts, so that a slow disk holds no frame up
     the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
 A disk that is full or read-only does not stop the manager: `problem` says what is wrong, the memory goes on without the
-disk, and every later write tries to write the whole file anew. Until a write succeeds, a restart may use a term or a
-block of numbers a second time.
+disk, and every later write, and `sync` every `RETRY_NS`, try to write the whole file anew. Until a write succeeds, a
+restart may use a term or a block of numbers a second time.
+
+A file that holds nothing, as a full disk or a power cut may leave it, is begun anew, and `warning` says so: this must
+not be the end of managing. A pipe or a folder in its place, and a journal of a later version, are refused.
 
 A journal belongs to one spec. If the spec has changed the manager starts only with `--changed-spec`: then the numbers
 stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
@@ -32,8 +35,10 @@ lock file beside it ensures that, and the kernel releases the lock when the proc
 import fcntl
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from types import TracebackType
 from typing import Self
 
@@ -41,9 +46,11 @@ from heronry_dg.model import Spec
 from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.core.memory import NOTHING, Memory, Record, as_json, from_json, is_number
 from heronry_wire.errors import HeronryError
+from heronry_wire.ordinary_file import move_ordinary, open_ordinary, read_ordinary
 
 _FORMAT = 1
 _LONGEST_BYTES = 64 * 1024
+RETRY_NS = 10_000_000_000  # while the disk fails
 
 
 class JournalError(HeronryError):
@@ -85,6 +92,17 @@ def _head(spec: Spec) -> list[str | int]:
     return ["journal", _FORMAT, spec.name, spec.digest]
 
 
+def _format_of(data: bytes) -> int:
+    """Give the format of a journal; 0 where its head cannot be read."""
+    for number, content in _whole_lines(data):
+        match number, content:
+            case 0, ["journal", int(found), *_]:
+                return found
+            case _:
+                pass
+    return 0
+
+
 def _whole_lines(data: bytes) -> Iterator[tuple[int, list[object]]]:
     for line in data.split(b"\n"):
         match line_content(line + b"\n") if line else DAMAGED:
@@ -102,10 +120,14 @@ class Journal:
         self.file = folder / f"manager-{node}.journal"
         self.memory = NOTHING
         self.problem: str | None = None
+        self.warning: str | None = None  # what was wrong with the file at the start, and does not stop the manager
         self._spec = spec
         self._stream = self._lock = -1
         self._next_number, self._bytes = 0, 0
         self._is_synced = True
+        self._syncing: Thread | None = None
+        self._sync_error: OSError | None = None
+        self._retry_ns = 0
         self._lock_it(folder)
         try:
             self._read(accept_changed_spec=accept_changed_spec)
@@ -138,19 +160,39 @@ class Journal:
         except OSError as error:
             self._fail(error)
 
-    def sync(self) -> None:
-        """Fsync all records that were written."""
-        if self._is_synced or self.problem is not None:
+    def sync(self, now_ns: int) -> None:
+        """Have a thread fsync the records that were written; while the disk fails, try again every `RETRY_NS`.
+
+        The thread works on the file as it is when it begins; `problem` tells later whether it failed.
+        """
+        if self.problem is not None:
+            if now_ns >= self._retry_ns:
+                self._retry_ns = now_ns + RETRY_NS
+                self._put_down()
             return
-        try:
-            os.fsync(self._stream)
+        if self._syncing is not None and self._syncing.is_alive():
+            return
+        if self._sync_error is not None:
+            self._fail(self._sync_error)
+            self._sync_error = None
+        elif not self._is_synced:
             self._is_synced = True
+            self._syncing = Thread(target=self._sync_in_thread, args=(os.dup(self._stream),), daemon=True)
+            self._syncing.start()
+
+    def _sync_in_thread(self, stream: int) -> None:
+        try:
+            os.fsync(stream)
         except OSError as error:
-            self._fail(error)
+            self._sync_error = error
+        finally:
+            os.close(stream)
 
     def close(self) -> None:
         """Fsync, close the file, and release its lock."""
-        self.sync()
+        if self._stream >= 0 and self.problem is None:
+            with suppress(OSError):
+                os.fsync(self._stream)
         for descriptor in (self._stream, self._lock):
             if descriptor >= 0:
                 os.close(descriptor)
@@ -160,6 +202,8 @@ class Journal:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except IsADirectoryError as error:
+            raise JournalError(f"{error.filename} is a folder; remove it: a manager locks its journal there") from error
         except OSError:
             return  # `_put_down` reports what is wrong with the folder
         try:
@@ -172,13 +216,22 @@ class Journal:
 
     def _read(self, *, accept_changed_spec: bool) -> None:
         try:
-            data = self.file.read_bytes()
+            data = read_ordinary(self.file)
         except FileNotFoundError:
             return
         except OSError as error:
             raise JournalError(
                 f"{self.file}: {error.strerror}; make it readable, or name another folder with --state-dir"
             ) from error
+        if not data:
+            self.warning = f"{self.file} was empty: terms, orders and latched faults of before are not known"
+            return
+        later = _format_of(data)
+        if later > _FORMAT:
+            raise JournalError(
+                f"{self.file} has format {later}, of a later version, and this version reads format {_FORMAT}; "
+                "start that version, or name another folder with --state-dir"
+            )
         self.memory, digest = recovered(data)
         if digest is None and self.memory == NOTHING:
             raise JournalError(
@@ -198,11 +251,10 @@ class Journal:
         data, draft = whole_journal(self._spec, self.memory), self.file.with_suffix(".new")
         stream = -1
         try:
-            stream = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+            stream = open_ordinary(draft)
             _write_all(stream, data)
             os.fsync(stream)
-            draft.replace(self.file)
-            _sync_folder(self.file.parent)
+            move_ordinary(draft, self.file)
         except OSError as error:
             if stream >= 0:
                 os.close(stream)
@@ -226,11 +278,3 @@ def _write_all(stream: int, data: bytes) -> None:
     rest = memoryview(data)
     while rest:
         rest = rest[os.write(stream, rest) :]
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

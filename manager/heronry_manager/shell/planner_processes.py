@@ -1,10 +1,15 @@
 """The processes that plan, behind the planning policy: requests go to them, and their answers come back.
 
 The planner's process is started before the flight; the pre-planner's with its first question.
+
+Every request has a budget, from the moment it is made. A process that has not answered by then hangs (it was stopped,
+its disk does not answer, the search does not end): it is killed and replaced, and all its requests have failed. The
+policy then has the greedy planner, which needs no process, make a plan that the aircraft waits for.
 `heronry_manager.core.planning_policy` decides which process gets which request.
 """
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from heronry_dg.objective import Placement
@@ -22,6 +27,12 @@ from heronry_manager.core.planning_policy import (
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
 from heronry_manager.planner.client import Failed, Planned
 
+AWAITED_NS = 10_000_000_000
+"""Budget of a request whose plan the aircraft waits for: the first one, or one whose greedy plan was refused."""
+
+AHEAD_NS = 300_000_000_000
+"""Budget of a request while a legal configuration runs: for a better plan, or for a situation that may come."""
+
 
 class PlannerLink(Protocol):
     """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
@@ -31,6 +42,9 @@ class PlannerLink(Protocol):
 
     def poll(self) -> list[Planned | Failed]:
         """Return the answers that have arrived, without waiting."""
+
+    def cancel(self) -> None:
+        """Forget all requests, which get no answer, and replace the process if it works on one."""
 
     def fileno(self) -> int:
         """Give the descriptor that is readable when `poll` has something to do."""
@@ -45,6 +59,8 @@ class PlannerProcesses:
         """`planner`: None where there is no solver; the policy must know that, and starts no pre-planner."""
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
+        self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
+        self._ahead_until_ns: dict[int, int] = {}  # and in the pre-planner
 
     def readers(self) -> list[PlannerLink]:
         """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
@@ -56,13 +72,17 @@ class PlannerProcesses:
 
     def poll(self) -> list[PlanReady | PlanFailed]:
         """Return the answers to the core's requests; the pre-planner's answers stay with the policy."""
-        ahead = [] if self._pre_planner is None else self._pre_planner.poll()
-        answers = [] if self._planner is None else self._planner.poll()
+        ahead = _answers(self._pre_planner, self._ahead_until_ns)
+        answers = _answers(self._planner, self._until_ns)
         events: list[FromPlanner] = [
             *(PrePlannerAnswered(one.request, one.plan if isinstance(one, Planned) else None) for one in ahead),
             *(PlannerAnswered(_in_the_cores_words(one)) for one in answers),
         ]
         return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
+
+    def next_deadline_ns(self) -> int | None:
+        """Time in ns at which to call `poll` at the latest, since a budget ends; None: no request is out."""
+        return min((*self._until_ns.values(), *self._ahead_until_ns.values()), default=None)
 
     def _carry_out(self, instructions: list[Instruction]) -> list[PlanReady | PlanFailed]:
         answers = []
@@ -72,11 +92,29 @@ class PlannerProcesses:
                     answers.append(answer)
                 case AskPlanner(plan_request):
                     assert self._planner is not None  # else the policy knows that there is none
+                    budget_ns = AHEAD_NS if plan_request.in_background else AWAITED_NS
+                    self._until_ns[plan_request.request] = time.monotonic_ns() + budget_ns
                     self._planner.request(plan_request.request, plan_request.now, plan_request.running)
                 case PrePlan(number, question):  # pragma: no branch - nothing else is left
                     self._pre_planner = self._pre_planner or self._start_pre_planner()
+                    self._ahead_until_ns[number] = time.monotonic_ns() + AHEAD_NS
                     self._pre_planner.request(number, question.now, question.running)
         return answers
+
+
+def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
+    """Take the answers of a process; one that has exceeded a budget is replaced, and its requests have failed."""
+    if planner is None:
+        return []
+    answers = planner.poll()
+    for answer in answers:
+        until_ns.pop(answer.request, None)
+    if until_ns and min(until_ns.values()) <= time.monotonic_ns():
+        planner.cancel()
+        reason = "the planner's process hangs: it did not answer within its budget, and was replaced"
+        answers += [Failed(number, reason) for number in until_ns]
+        until_ns.clear()
+    return answers
 
 
 def _in_the_cores_words(answer: Planned | Failed) -> PlanReady | PlanFailed:

@@ -7,10 +7,8 @@ room. The history is emptied when a client writes 0 to the number of errors, and
 
 from collections import deque
 
-from heronry_wire.canopen_objects import ERRORS_KEPT
+from heronry_wire.canopen_objects import ERRORS_KEPT, LARGEST_INDEX
 from heronry_wire.management import ElementKind, FaultCode
-
-_LARGEST_INDEX = 0xFFF
 
 
 class ErrorHistory:
@@ -26,7 +24,7 @@ class ErrorHistory:
 
     def add(self, code: FaultCode, kind: ElementKind, index: int) -> None:
         """Add an error that was reported for the first time."""
-        self._errors.appendleft(kind << 28 | min(index, _LARGEST_INDEX) << 16 | code)
+        self._errors.appendleft(kind << 28 | min(index, LARGEST_INDEX) << 16 | code)
 
     def clear(self) -> None:
         """Empty the history."""

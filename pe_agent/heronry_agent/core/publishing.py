@@ -21,6 +21,7 @@ from collections import defaultdict
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.module import Value
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
+from heronry_wire.capacities import MOST_DEVICES
 from heronry_wire.frame import Frame, Malformed, WireError
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 
@@ -54,7 +55,7 @@ class Publisher:
     def echo(self, device: str, value: object) -> Frame | None:
         """Make the echo of a value written to a device; None where the value is not a number that a frame can carry."""
         position = self._index.device_index.get(device)
-        if position is None or position > 255 or not isinstance(value, (int, float)):
+        if position is None or position >= MOST_DEVICES or not isinstance(value, (int, float)):
             return None
         try:
             return self._own_echo(DataType.FLOAT, position, value)

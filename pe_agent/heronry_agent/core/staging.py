@@ -21,12 +21,11 @@ After a restart the PE is unconfigured, and the manager begins anew.
 from dataclasses import dataclass
 
 from heronry_agent.core.slice_reading import SliceReader
+from heronry_wire.capacities import MOST_SLICE_BYTES
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import NO_EPOCH, SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, is_newer
 from heronry_wire.sansio import NEVER_NS
 from heronry_wire.state_frames import Reason
-
-MAX_SLICE_BYTES = 255 * SLICE_BYTES_PER_FRAME
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +118,7 @@ class Staging:
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return self._is_about(command.epoch_low, self.staged.epoch)
-        if command.length > MAX_SLICE_BYTES:
+        if command.length > MOST_SLICE_BYTES:
             return self.refuse(Reason.UNKNOWN_INDEX)
         if collection.head is not None and collection.head != command:
             collection.bodies = None

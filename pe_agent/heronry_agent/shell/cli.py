@@ -18,7 +18,7 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.devices import Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
-from heronry_agent.shell.incarnation import next_incarnation
+from heronry_agent.shell.incarnation import BootCount
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.ports import bus_configs
@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         "--state-dir",
         type=Path,
         metavar="DIR",
-        help="folder that keeps the boot count (without a folder the count is taken from the clock)",
+        help="folder that keeps the boot count (without a folder the count is drawn at random)",
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="key file of 'heronry key': refuse commands made without this key"
@@ -140,9 +140,11 @@ def _run(arguments: argparse.Namespace) -> int:
         if id_is_taken(links, table):
             raise _IdTakenError(table.node_id, " in the spec")
 
+        boots = BootCount(arguments.state_dir, table.node_id, lambda sentence: tell(Note("disk", sentence)))
+        undo.callback(boots.close)
+
         def new_core() -> AgentCore:
-            incarnation = next_incarnation(arguments.state_dir, table.node_id)
-            return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
+            return AgentCore(table, boots.next(), time.monotonic_ns(), secret=_secret(key), followed=followed)
 
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)

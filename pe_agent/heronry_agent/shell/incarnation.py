@@ -1,54 +1,123 @@
 """The boot count of a PE, 0..255, which shows other nodes a restart, even within one heartbeat period.
 
-If the count is kept in a folder, it goes up by one with each start. Its file is replaced as a whole and fsynced before
-the agent sends its first frame, so a crash at any moment leaves the old number or the new one. Without a folder, or if
-the file does not hold a number, the count is drawn from the clock, and one restart in 256 is not recognized.
+A folder keeps a *reserve*: the last count that may have been used. It is written ahead, `RESERVE` counts at a time, so
+a start and each new beginning after an outage of the bus take a count of the reserve, and need the disk only when the
+reserve is used up. No flight waits for the disk: a thread writes, and tries again every `RETRY_S`. What proves that a
+count is new:
+
+    in one process       the count before is in memory: each count is the one before plus one
+    from start to start  the reserve on the disk: a process begins one above it, and writes its own before it sends
+    no disk              nothing. The count is drawn at random, other than the count that the disk has, and one restart
+                         in 256 is not recognized. So it is without a folder, with a full or read-only disk at the
+                         start, and with a disk that takes longer than `LONGEST_START_S` then
+
+A disk that fails grounds nobody: the agent says so, flies on, and says so too when the reserve is written again.
 """
 
-import os
-import time
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from secrets import randbelow
 
-from heronry_wire.errors import HeronryError
+from heronry_wire.ordinary_file import read_ordinary, replace_ordinary
 
-_INCARNATIONS = 256
-_NS_PER_MS = 1_000_000
-
-
-class IncarnationError(HeronryError):
-    """The file of the boot count cannot be written; the message is one sentence with the remedy."""
-
-
-def next_incarnation(folder: Path | None, node: int) -> int:
-    """Give the boot count of this start, and write it to `folder` if that is given; raises IncarnationError."""
-    if folder is None:
-        return _drawn()
-    file = folder / f"pe-{node}.incarnation"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text = file.read_text(errors="replace").strip() if file.exists() else ""
-        incarnation = (int(text) + 1) % _INCARNATIONS if text.isascii() and text.isdecimal() else _drawn()
-        _replace(file, f"{incarnation}\n")
-    except OSError as error:
-        raise IncarnationError(
-            f"{error.filename or file}: {error.strerror}; name a folder that can be written with --state-dir"
-        ) from error
-    return incarnation
+RESERVE = 16
+RETRY_S = 10.0
+LONGEST_START_S = 2.0
+_COUNTS = 256
+_MOST_BYTES = 8  # a count has three digits
 
 
-def _drawn() -> int:
-    return time.time_ns() // _NS_PER_MS % _INCARNATIONS
+class BootCount:
+    """The boot counts of one node."""
 
+    def __init__(self, folder: Path | None, node: int, tell: Callable[[str], None]) -> None:
+        """`tell` is called with a sentence when the disk fails, and when it keeps the count again; by a thread, too."""
+        self._file = None if folder is None else folder / f"pe-{node}.incarnation"
+        self._tell = tell
+        self._count: int | None = None  # the last one given
+        self._reserved: int | None = None  # the last count that the file covers; written by the thread
+        self._problem: str | None = None
+        self._writer: threading.Thread | None = None
+        self._tried, self._ended = threading.Event(), threading.Event()
 
-def _replace(file: Path, text: str) -> None:
-    draft = file.with_suffix(".new")
-    with draft.open("w") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(file)
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    def next(self) -> int:
+        """Give the count of this beginning."""
+        if self._count is None:
+            self._count = self._first()
+        else:
+            self._count = (self._count + 1) % _COUNTS
+            if self._file is not None and self._left() <= RESERVE // 2:
+                self._write()
+        return self._count
+
+    def close(self) -> None:
+        """Try no longer to write."""
+        self._ended.set()
+
+    def _first(self) -> int:
+        if self._file is None:
+            return randbelow(_COUNTS)
+        before = self._read(self._file)
+        count = randbelow(_COUNTS) if before is None else (before + 1) % _COUNTS
+        self._count = count
+        self._write()
+        self._tried.wait(LONGEST_START_S)
+        if self._reserved is not None:
+            return count
+        if self._problem is None:
+            self._told(f"{self._file}: the disk takes longer than {LONGEST_START_S:g} s")
+        return (count + randbelow(_COUNTS - 1)) % _COUNTS  # not the one that the disk has
+
+    def _left(self) -> int:
+        """Counts of the reserve that are not used; 0 where none is on the disk."""
+        assert self._count is not None
+        left = 0 if self._reserved is None else (self._reserved - self._count) % _COUNTS
+        return left if left <= RESERVE else 0
+
+    def _read(self, file: Path) -> int | None:
+        try:
+            text = read_ordinary(file, _MOST_BYTES).decode("ascii", "replace").strip()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            self._told(f"{file}: {error.strerror}")
+            return None
+        return int(text) % _COUNTS if text.isascii() and text.isdecimal() else None
+
+    def _write(self) -> None:
+        if self._writer is None or not self._writer.is_alive():
+            self._writer = threading.Thread(target=self._keep_writing, daemon=True)
+            self._writer.start()
+
+    def _keep_writing(self) -> None:
+        """Write the reserve until it is ahead of the counts that were given meanwhile; where that fails, try again."""
+        while self._left() <= RESERVE // 2:
+            is_put = self._put()
+            self._tried.set()
+            if not is_put and self._ended.wait(RETRY_S):
+                return
+
+    def _put(self) -> bool:
+        assert self._file is not None
+        assert self._count is not None
+        reserved = (self._count + RESERVE) % _COUNTS
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            replace_ordinary(self._file, f"{reserved}\n".encode())
+        except OSError as error:
+            self._told(f"{error.filename or self._file}: {error.strerror}")
+            return False
+        self._reserved = reserved
+        if self._problem is not None:
+            self._problem = None
+            self._tell(f"{self._file}: the boot count is kept again")
+        return True
+
+    def _told(self, problem: str) -> None:
+        if self._problem is None:
+            self._tell(
+                f"{problem}; the agent flies on and tries again, and until then a restart may not be recognized "
+                "(name a folder that can be written with --state-dir)"
+            )
+        self._problem = problem

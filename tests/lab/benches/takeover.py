@@ -132,7 +132,7 @@ def _restart(spec_name: str) -> _Gone:
 
 
 class _Death:
-    """A manager's death, as it is seen on the bus; times are the wall clock's, as the bus gives them."""
+    """A manager's death, as it is seen on the bus; times are those of CLOCK_MONOTONIC, as the ear gives them."""
 
     def __init__(self, flown: Aircraft, ear: Ear) -> None:
         """Listen for `_BEFORE_S` first."""
@@ -143,7 +143,7 @@ class _Death:
     def kill(self, manager: int) -> None:
         """Kill this manager now."""
         self._hear()
-        self._heard.killed_ns = time.time_ns()
+        self._heard.killed_ns = time.monotonic_ns()
         self._fleet.kill_manager(manager)
 
     def wait_for_commands(self, events: AwaitedEvents) -> None:
@@ -159,11 +159,11 @@ class _Death:
 
     def gone(self) -> _Gone:
         """Give the figures of this death."""
-        return self._heard.gone(time.time_ns(), self._loading_ms)
+        return self._heard.gone(time.monotonic_ns(), self._loading_ms)
 
     def _note(self, told: dict[str, Any]) -> None:
         assert self._heard.killed_ns is not None
-        at_ns = told["t_ns"] + time.time_ns() - time.monotonic_ns()
+        at_ns = told["t_ns"]
         if told["event"] == "manager_started":
             self._loading_ms = (at_ns - self._heard.killed_ns) / MS
         if told["event"] == "reconfigured" and at_ns > self._heard.killed_ns:
@@ -176,8 +176,8 @@ class _Death:
             self._hear()
 
     def _hear(self) -> None:
-        for at_s, frame in self._ear.hear():
-            self._heard.see(round(at_s * 1e9), frame)
+        for at_ns, frame in self._ear.hear():
+            self._heard.see(at_ns, frame)
 
 
 def _fly(flown: Aircraft, events: AwaitedEvents) -> None:

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from itertools import groupby
 
-from heronry_agent.core import radio_queue, staging
+from heronry_agent.core import radio_queue
 from heronry_manager.core import numbering
-from heronry_wire import canopen_objects, gateway_report, link, management, state_frames, transmit_queue
+from heronry_wire import canopen_objects, capacities, gateway_report, link, management, state_frames, transmit_queue
 from heronry_wire import protocol_times as promised
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
@@ -155,7 +155,7 @@ def times() -> str:
             f"{promised.RADIO_WINDOW_PERIODS} {periods} of it",
             "the last ones; the last two if far worse",
         ),
-        ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
+        ("slice", f"{capacities.MOST_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
         (
             "epochs",

@@ -153,11 +153,12 @@ def _expected(text: str) -> "Expected":
 def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
     """Listen to the channels of one bus; notes each frame once, and the nodes of each channel."""
     from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
+    from heronry_wire.arrival_times import ArrivalTimes  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
     from heronry_wire.python_can import frame_of  # noqa: PLC0415
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
-    merge = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS)
+    merge, times = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS), {name: ArrivalTimes() for name in buses}
     is_quiet = (
         False  # several frames may have come together; python-can buffers them, and the descriptor shows only the first
     )
@@ -167,13 +168,15 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
         heard.clocks(time.time_ns(), time.monotonic_ns())
         is_quiet = True
         for number, (name, opened) in enumerate(buses.items()):
+            times[name].look()
             message = opened.bus.recv(0)
             if message is None:
+                times[name].found_empty()
                 continue
             is_quiet = False
             frame = frame_of(message)
             heard.take_copy(name, frame)
-            if len(buses) == 1 or frame.error or merge.take(number, frame, int(message.timestamp * 1e9)):
+            if len(buses) == 1 or frame.error or merge.take(number, frame, times[name].arrived_ns(message)):
                 heard.take(frame)
     return heard
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.wire_limits import require_wire_limits
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
@@ -40,8 +41,9 @@ PRE_PLANNER_NICENESS = 10  # pre-planning may wait; PEs on the same computer, as
 
 
 def mastership(arguments: argparse.Namespace) -> int:
-    """Run a manager; returns 0, or 1 where it ended by itself."""
+    """Run a manager; returns 0, or 1 where it ended by itself; raises WireLimitError where the wire is too narrow."""
     spec = with_heartbeat(load_spec_file(arguments.spec), arguments.slower_heartbeat_ns)
+    require_wire_limits(spec)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
     bus = spec.buses[spec.manager.bus]
@@ -77,6 +79,8 @@ def mastership(arguments: argparse.Namespace) -> int:
 
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
+            if journal is not None and journal.warning is not None:
+                _say(journal.warning)
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
             core = ManagerCore(
                 spec,
@@ -123,11 +127,14 @@ def _has_solver() -> bool:
         import_module("ortools")
     except ModuleNotFoundError:
         how = 'pip install "heronry[manager]"'
-        said = f"heronry: ortools is not installed, so only the greedy planner is used; add it with: {how}"
-        with suppress(OSError):  # a full disk must not stop the manager
-            print(said, file=sys.stderr)
+        _say(f"ortools is not installed, so only the greedy planner is used; add it with: {how}")
         return False
     return True
+
+
+def _say(sentence: str) -> None:
+    with suppress(OSError):  # a full disk must not stop the manager
+        print(f"heronry: {sentence}", file=sys.stderr)
 
 
 def default_state_dir(spec_name: str) -> Path:

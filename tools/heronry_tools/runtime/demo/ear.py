@@ -13,11 +13,11 @@ import can
 
 from heronry_dg.model import Bus
 from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_wire.arrival_times import ArrivalTimes
 from heronry_wire.bus_opening import open_bus
-from heronry_wire.frame import Frame
+from heronry_wire.link import Arrival
+from heronry_wire.python_can import frame_of
 from heronry_wire.replicated_link import ReplicatedLink
-
-_NS_PER_S = 1_000_000_000
 
 
 class Ear:
@@ -26,6 +26,7 @@ class Ear:
     def __init__(self, choice: BusChoice, bus: Bus) -> None:
         """Open the bus; raises LinkError."""
         configs = choice.configs()
+        self._times = ArrivalTimes()
         self._bus: can.BusABC | ReplicatedLink = (
             open_bus(configs[0]).bus if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
         )
@@ -46,19 +47,18 @@ class Ear:
         """Give the descriptors to wait on until a frame has come."""
         return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
-    def hear(self) -> Iterator[tuple[float, Frame]]:
-        """Yield the frames that have come, each with its time in seconds of the wall clock."""
+    def hear(self) -> Iterator[Arrival]:
+        """Yield the frames that have come, each with its time in ns of CLOCK_MONOTONIC."""
         if isinstance(self._bus, ReplicatedLink):
             yield from _both(self._bus)
             return
+        self._times.look()
         while (message := self._bus.recv(0)) is not None:
-            data, is_remote = bytes(message.data), message.is_remote_frame
-            yield message.timestamp, Frame(message.arbitration_id, data, message.is_extended_id, is_remote)
+            yield Arrival(self._times.arrived_ns(message), frame_of(message))
+        self._times.found_empty()
 
 
-def _both(link: ReplicatedLink) -> Iterator[tuple[float, Frame]]:
-    now_ns = time.monotonic_ns()
-    wall_ns = time.time_ns() - now_ns
-    link.pump(now_ns)
+def _both(link: ReplicatedLink) -> Iterator[Arrival]:
+    link.pump(time.monotonic_ns())
     while arrivals := link.receive(time.monotonic_ns()):
-        yield from (((time_ns + wall_ns) / _NS_PER_S, frame) for time_ns, frame in arrivals)
+        yield from arrivals

@@ -56,7 +56,7 @@ class Show:
         self._start_ns: int | None = None  # the first configuration runs
         self._pending: str | None = "the first configuration"  # what is under way
         self._plan: Mapping[str, Any] = {}
-        self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
+        self._day_offset_ns = time.time_ns() - time.monotonic_ns()  # of the record, which has dates
         self._events: EventStream  # of the manager that is followed
         self._managers: dict[int, EventStream] = {}  # by node
         self._standstills = Standstills(spec.buses[spec.manager.bus].heartbeat_ns)
@@ -163,11 +163,12 @@ class Show:
                 pass
 
     def _watch(self, name: str, ear: Ear, record: IO[str] | None) -> None:
-        for seconds, frame in ear.hear():
+        for time_ns, frame in ear.hear():
             if name == self._spec.manager.bus:
-                self._witness.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
+                self._witness.see(time_ns, frame)
             if record is not None:
-                record.write(format_log_line(LoggedFrame(int(seconds * 1e6) * 1000, name, frame)) + "\n")
+                date_us = (time_ns + self._day_offset_ns) // 1000
+                record.write(format_log_line(LoggedFrame(date_us * 1000, name, frame)) + "\n")
 
     def _act(self) -> None:
         while self._start_ns is not None and self._actions and self._actions[0].at_s <= self._show_s():

@@ -87,7 +87,7 @@ def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) ->
     yield _assess_managers(heard)
     yield from _assess_nodes(heard, expected)
     if heard.clock_step_ns > CLOCK_STEP_NS:
-        says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: frames seem older or newer"
+        says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: dates in logs jump"
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
     else:
         yield Finding("clock", "the clock of this computer was not set while listening")

@@ -9,7 +9,8 @@ last one comes in, as on SocketCAN; the mailbox is empty by then. As on SocketCA
 back echoes too. Tell an echo by its identifier and data: `is_rx` is False for exactly the own frames here,
 but SocketCAN in python-can 4.6.1 says so of every frame from the same host.
 
-Receiving: filters act in the hub; timestamps are the end of the frame on the bus, in `time.time()` terms.
+Receiving: filters act in the hub; timestamps are the end of the frame on the bus, in `time.time()` terms
+as that clock stood when the hub started; `StampedMessage` has the same in CLOCK_MONOTONIC, which nobody sets.
 `fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
 
 What if: no hub, another bit rate, a CAN FD request: CanInitializationError. The hub ends: CanOperationError
@@ -33,6 +34,7 @@ from heronry_tools.runtime.softbus.protocol import (
     decode_frame,
     decode_statistics,
 )
+from heronry_wire.arrival_times import StampedMessage
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
 from heronry_wire.runtime_folder import RuntimeFolderError
 
@@ -63,7 +65,7 @@ class SoftBus(can.BusABC):
             raise can.CanInitializationError(f"{channel}: a software bus carries classical CAN, not CAN FD")
         self._path = os.fspath(channel)
         self.channel_info = f"softbus {self._path}"
-        self._link, self._receive = _connect(self._path, bitrate, wants_own=receive_own_messages)
+        self._link, self._receive, self._day_offset_ns = _connect(self._path, bitrate, wants_own=receive_own_messages)
         try:
             super().__init__(channel, can_filters, **kwargs)
         except BaseException:
@@ -118,8 +120,9 @@ class SoftBus(can.BusABC):
         if isinstance(received, Malformed):
             raise can.CanOperationError(f"{self._path}: the hub sent what is no frame: {received.reason}")
         frame = received.frame
-        return can.Message(
-            timestamp=received.time_ns / 1e9,
+        return StampedMessage(
+            received.time_ns,
+            timestamp=(received.time_ns + self._day_offset_ns) / 1e9,
             arbitration_id=frame.can_id,
             is_extended_id=frame.extended,
             is_remote_frame=frame.remote,
@@ -147,7 +150,7 @@ def _checked_frame(msg: can.Message) -> Frame:
     return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
 
 
-def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, socket.socket]:
+def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, socket.socket, int]:
     with ExitStack() as undo:
         command = undo.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
         receive, hub_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -159,7 +162,8 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
                 command.connect(os.fspath(path_to_call(path)))
                 link = Link(command, path)
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
-                hub_bitrate = link.ask(hello, hub_end)["bitrate"]
+                answer = link.ask(hello, hub_end)
+                hub_bitrate, day_offset_ns = answer["bitrate"], int(answer["day_offset_ns"])
             except can.CanOperationError as error:
                 raise can.CanInitializationError(str(error)) from error
             except RuntimeFolderError as error:
@@ -172,4 +176,4 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
             raise can.CanInitializationError(f"{path}: the bus runs at {hub_bitrate} bit/s, not at {bitrate}; {remedy}")
         receive.setblocking(False)
         undo.pop_all()
-    return link, receive
+    return link, receive, day_offset_ns

@@ -7,8 +7,8 @@ line advance to the noted time: no offer made earlier is overlooked. After a rou
 looks again without sleeping before it decides. `select` is used because its time-out counts microseconds;
 the one of `epoll` counts whole milliseconds.
 
-Timestamps follow the system clock as it stood when the hub started: a clock that is set later changes the
-date of no frame and no interval between two of them.
+Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started: a clock
+that is set later changes the date of no frame and no interval between two of them.
 
 A bus can be made a bad radio (`disturb`): bits take longer, receivers miss frames, each its own. The sender cannot see
 the latter: its frame has left.
@@ -65,7 +65,7 @@ class Hub:
         self._loss_per_mille = 0
         self._random = Random(0)
         self._looked_ns = time.monotonic_ns()
-        self._epoch_offset_ns = time.time_ns() - self._looked_ns
+        self._day_offset_ns = time.time_ns() - self._looked_ns  # only to date frames for people
 
     def run(self, stop_fds: Iterable[int]) -> None:
         """Serve the bus until one of `stop_fds` becomes readable."""
@@ -134,7 +134,7 @@ class Hub:
                 elif len(self._ports) > MAX_CLIENTS:
                     problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit"
                 elif port.join(descriptor, wants_own=own):
-                    port.answer(encode_command({"bitrate": self._line.bitrate}))
+                    port.answer(encode_command({"bitrate": self._line.bitrate, "day_offset_ns": self._day_offset_ns}))
                     return None
                 else:
                     problem = "what came with the hello is no socket"
@@ -177,7 +177,7 @@ class Hub:
         return None
 
     def _hand_over(self, gone: Transmission) -> None:
-        received = gone.sent._replace(time_ns=gone.end_ns + self._epoch_offset_ns)
+        received = gone.sent._replace(time_ns=gone.end_ns)
         frame = received.frame
         record = encode_frame(received)
         for port in self._ports:

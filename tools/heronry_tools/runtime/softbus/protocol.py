@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 MAX_COMMAND_BYTES = 65536
 
 DONE = b"D"
@@ -42,7 +42,7 @@ class BusFrame(NamedTuple):
     frame: Frame
     dlc: int
     time_ns: int
-    """Of an offered frame: CLOCK_MONOTONIC of the sender. Of a received one: end of the frame, ns since the epoch."""
+    """CLOCK_MONOTONIC. Of an offered frame: when it was offered. Of a received one: the end of the frame."""
     own: bool = False
     """Of a received frame: whether it was sent through this connection."""
 

@@ -140,7 +140,6 @@ class _Show:
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
         self._trace: list[str] = []
-        self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
 
     def run(self, where: str) -> Flown:
         """Fly to the end of the script."""
@@ -214,8 +213,8 @@ class _Show:
             self._start_ns = now_ns
 
     def _take_frames(self) -> None:
-        for seconds, frame in self._ear.hear():
-            self._heard.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
+        for time_ns, frame in self._ear.hear():
+            self._heard.see(time_ns, frame)
 
     def _do_what_is_due(self) -> None:
         while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():

@@ -1,0 +1,34 @@
+"""How many there may be of each thing that a frame or an object of a PE counts: the limits of a system on the bus.
+
+Each number follows from the width of the field that holds the index. What exceeds a limit cannot be addressed: a slice
+that does not fit is refused for ever, two devices behind one number look the same. So `heronry check` and the compiler
+of tables refuse such a spec (`heronry_dg.wire_limits`).
+
+Other limits need no number here, since the spec cannot exceed them: node-IDs and identifiers (`identifiers`), versions
+(a nibble of the status byte) and restarts (the schema of a spec), terms, epochs and sequences (they wrap, or end in one
+sentence), contingencies (those above 4 095 are sent as slices).
+"""
+
+from heronry_wire.canopen_objects import LARGEST_INDEX, MOST_ELEMENTS
+from heronry_wire.identifiers import GATEWAY_IDS
+from heronry_wire.management import SLICE_BODY, SLICE_BYTES_PER_FRAME
+
+MOST_SLICE_BYTES = SLICE_BODY.largest("index") * SLICE_BYTES_PER_FRAME
+"""Bytes of the slice of one PE: bodies 1 to 255 of SLICE, five bytes each."""
+
+_SERVICE_CODES = 256  # byte 2 of a CANaerospace frame
+
+MOST_DEVICES = _SERVICE_CODES
+"""Devices of a system: the service code of an actuator's echo is the number of the device."""
+
+MOST_MODES = _SERVICE_CODES
+"""Modes of a module: the service code of an output echo is the number of the mode."""
+
+MOST_MODULES = LARGEST_INDEX + 1
+"""Modules of a system: the error history (1003h) has 12 bits for the number of an element."""
+
+MOST_MODULES_OF_A_PE = MOST_ELEMENTS
+"""Modules that may run on one PE: the sub-indices of the arrays of modules in its object dictionary."""
+
+MOST_RADIOS = len(GATEWAY_IDS)
+"""Wireless buses: each gateway reports on its radio under an identifier of its own."""

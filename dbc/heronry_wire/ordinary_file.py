@@ -1,0 +1,65 @@
+"""Small files that a node keeps: read without waiting, and replaced as a whole, so a crash leaves the old or the new.
+
+The place of such a file may hold something else: a pipe would make `open` wait for ever, and a folder cannot be
+replaced. Both are errors here, as are a full disk and a read-only one: OSError, whose text is for a message.
+"""
+
+import errno
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+_NOT_ORDINARY = "this is not an ordinary file"
+
+
+def read_ordinary(file: Path, most_bytes: int | None = None) -> bytes:
+    """Read a file, or its first bytes; raises OSError, FileNotFoundError where there is nothing."""
+    with os.fdopen(_opened(file, os.O_RDONLY), "rb") as stream:
+        return stream.read(most_bytes)
+
+
+def open_ordinary(file: Path) -> int:
+    """Open a new, empty file for writing in place of an old one; gives its descriptor, or raises OSError."""
+    descriptor = _opened(file, os.O_WRONLY | os.O_CREAT)
+    os.ftruncate(descriptor, 0)
+    return descriptor
+
+
+def replace_ordinary(file: Path, data: bytes) -> None:
+    """Replace a file by one with this content, on the disk when this function returns; raises OSError.
+
+    Nothing is left behind where it fails, and the old file stays.
+    """
+    draft = file.with_suffix(".new")
+    try:
+        with os.fdopen(open_ordinary(draft), "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        move_ordinary(draft, file)
+    except OSError:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise
+
+
+def move_ordinary(draft: Path, file: Path) -> None:
+    """Put a finished draft in the place of a file, durably; raises OSError where no ordinary file is there."""
+    if file.exists() and not file.is_file():
+        raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))
+    draft.replace(file)
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _opened(file: Path, flags: int) -> int:
+    """Open without waiting for the other end of a pipe."""
+    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))
+    return descriptor

@@ -1,0 +1,184 @@
+"""What of a spec exceeds a limit of the wire (`heronry_wire.capacities`), before any PE refuses it in flight.
+
+All limits but one are counts. The length of a slice depends on the configuration, so its bound is computed: of each
+module that may run on the PE, the most bytes that it can add in any mode, for as many of these modules as the PE's CPU
+and RAM can hold at once (a fraction of a module counts as that fraction, so the bound is never too small). A gateway
+adds four bytes or so for each source that it may forward. No legal configuration has a longer slice.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+from heronry_dg.model import Module, Pe, Spec
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_wire.capacities import (
+    MOST_DEVICES,
+    MOST_MODES,
+    MOST_MODULES,
+    MOST_MODULES_OF_A_PE,
+    MOST_RADIOS,
+    MOST_SLICE_BYTES,
+)
+from heronry_wire.errors import HeronryError
+from heronry_wire.packing import pack
+
+_NODE_BYTES = 1  # a node-ID is below 128
+
+
+class WireLimitError(HeronryError):
+    """A spec has more of something than the wire can carry; the message says of what, and the number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Excess:
+    """What exceeds a limit: its section and name in the spec, a sentence with both numbers, and what to do."""
+
+    section: Literal["pes", "modules", "devices", "buses"]
+    name: str
+    sentence: str
+    remedy: str
+    is_slice: bool = False
+
+
+class _Size(NamedTuple):
+    """What one module takes of a PE: at most `slice_bytes`, at least the rest."""
+
+    slice_bytes: int
+    cpu_millis: int
+    ram: int
+
+
+def require_wire_limits(spec: Spec) -> None:
+    """Raise WireLimitError if a spec exceeds a limit of the wire; the message names the first excess."""
+    for excess in exceeded(spec):
+        raise WireLimitError(f"{spec.name}: {excess.sentence}; {excess.remedy} ('heronry check' names every place)")
+
+
+def exceeded(spec: Spec) -> Iterator[Excess]:
+    """Find everything in a spec that exceeds a limit of the wire."""
+    yield from _too_many("devices", spec.devices, MOST_DEVICES, "an actuator's echo numbers devices in one byte")
+    yield from _too_many("modules", spec.modules, MOST_MODULES, "the error history numbers elements in 12 bits")
+    radios = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"]
+    yield from _too_many("buses", radios, MOST_RADIOS, "each gateway reports under its own identifier", "radios")
+    for module in spec.modules.values():
+        if len(module.modes) > MOST_MODES:
+            sentence = f"module '{module.name}' has {len(module.modes)} modes, and may have {MOST_MODES}"
+            yield Excess("modules", module.name, f"{sentence}: an output echo numbers modes in one byte", "merge modes")
+    yield from _of_the_pes(spec)
+
+
+def _too_many(
+    section: Literal["modules", "devices", "buses"], names: Iterable[str], most: int, why: str, called: str = ""
+) -> Iterator[Excess]:
+    found = list(names)
+    if len(found) > most:
+        sentence = f"there are {len(found)} {called or section}, and there may be {most}: {why}"
+        yield Excess(section, found[most], sentence, f"'{found[most]}' is the first beyond the limit")
+
+
+def _of_the_pes(spec: Spec) -> Iterator[Excess]:
+    bounds = _SliceBounds(spec)
+    for pe in spec.pes.values():
+        modules = bounds.may_run_on(pe.name)
+        if len(modules) > MOST_MODULES_OF_A_PE:
+            sentence = f"{len(modules)} modules may run on pe '{pe.name}', and {MOST_MODULES_OF_A_PE} may"
+            why = "CANopen numbers them in one byte"
+            yield Excess("pes", pe.name, f"{sentence}: {why}", "restrict modules to other PEs with 'runs_on'")
+        most = bounds.most_bytes(pe)
+        if most > MOST_SLICE_BYTES:
+            sentence = f"the slice of pe '{pe.name}' may need {most} bytes, and SLICE carries {MOST_SLICE_BYTES}"
+            remedy = "let fewer modules, or modules with fewer inputs and outputs, run on it, or forward fewer data"
+            yield Excess("pes", pe.name, sentence, remedy, is_slice=True)
+
+
+class _SliceBounds:
+    """The longest slice that a PE may get, in bytes; never less than any legal configuration needs."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
+        self._sources = tuple(spec.sources())
+        self._source_bytes = _bytes_of(len(self._sources))
+        self._index_bytes = _bytes_of(len(spec.modules))
+        self._stops = spec.manager.without_manager != "keep"
+
+    def may_run_on(self, pe: str) -> list[Module]:
+        """Give the modules that may run on a PE."""
+        return self._by_pe.get(pe, [])
+
+    def most_bytes(self, pe: Pe) -> int:
+        """Give a bound of the bytes of one PE's slice."""
+        sizes = [self._size(module, pe) for module in self.may_run_on(pe.name)]
+        by_cpu = _filled([(one.slice_bytes, one.cpu_millis) for one in sizes], pe.cpu_millis)
+        by_ram = _filled([(one.slice_bytes, one.ram) for one in sizes], pe.ram)
+        forwarded = self._forwarded(pe)
+        entry_bytes = self._source_bytes + _NODE_BYTES + _bytes_of(1 << len(pe.buses))
+        counts_bytes = 3 * self._source_bytes + 2 * _bytes_of(len(sizes))
+        return counts_bytes + min(by_cpu, by_ram) + forwarded * entry_bytes
+
+    @cached_property
+    def _by_pe(self) -> Mapping[str, list[Module]]:
+        found: dict[str, list[Module]] = {}
+        for name, hosts in self._hosts.items():
+            for pe in hosts:
+                found.setdefault(pe, []).append(self._spec.modules[name])
+        return found
+
+    def _size(self, module: Module, pe: Pe) -> _Size:
+        per_leaf_bytes = 2 * self._source_bytes + _NODE_BYTES  # wired, and remote
+        per_source_bytes = self._source_bytes + _bytes_of(1 << len(pe.buses))
+        modes = module.modes.values()
+        mode_bytes = (
+            per_leaf_bytes * sum(1 for _ in mode.leaves()) + per_source_bytes * len(mode.gives) for mode in modes
+        )
+        entry_bytes = self._index_bytes * (2 if self._stops else 1) + _bytes_of(len(modes))
+        least_cpu_millis, least_ram = min(mode.cpu_millis for mode in modes), min(mode.ram for mode in modes)
+        return _Size(entry_bytes + max(mode_bytes), least_cpu_millis, least_ram)
+
+    @cached_property
+    def _ways(self) -> Mapping[tuple[str, str], str]:
+        """For each gateway and other PE, the bus by which the gateway reaches it."""
+        left = survivors(self._spec, Situation())
+        gateways = [pe.name for pe in self._spec.pes.values() if len(pe.buses) > 1]
+        routes = ((here, there, left.route(here, there)) for here in gateways for there in self._spec.pes)
+        return {(here, there): route[0] for here, there, route in routes if route}
+
+    @cached_property
+    def _readers(self) -> Mapping[str, set[str]]:
+        """PEs that may read a variable."""
+        found: dict[str, set[str]] = {}
+        for module in self._spec.modules.values():
+            for variable in {leaf.variable for mode in module.modes.values() for _, leaf in mode.leaves()}:
+                found.setdefault(variable, set()).update(self._hosts[module.name])
+        return found
+
+    def _forwarded(self, pe: Pe) -> int:
+        """Count the sources that a PE may have to forward: written beyond one of its buses, read beyond another."""
+        if len(pe.buses) < 2:
+            return 0
+        return sum(
+            any(way != other for way in self._sides(pe, self._hosts[module]) for other in self._sides(pe, readers))
+            for module, variable in self._sources
+            if (readers := self._readers.get(variable))
+        )
+
+    def _sides(self, pe: Pe, others: Iterable[str]) -> set[str]:
+        return {way for other in others if (way := self._ways.get((pe.name, other))) is not None}
+
+
+def _bytes_of(number: int) -> int:
+    return len(pack([number]))
+
+
+def _filled(items: list[tuple[int, int]], capacity: int) -> int:
+    """Most bytes of items, each (bytes, cost), whose costs fit into a capacity, where an item may be divided."""
+    free = sum(size for size, cost in items if cost == 0)
+    left, filled = capacity, Fraction(free)
+    for size, cost in sorted((item for item in items if item[1]), key=lambda item: Fraction(-item[0], item[1])):
+        taken = min(cost, left)
+        filled += Fraction(size * taken, cost)
+        left -= taken
+    return int(filled)

@@ -1,0 +1,41 @@
+"""The planner's process of a standby manager is stopped: the standby takes over, and configures."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
+from live.test_standby import slow_aircraft
+
+pytestmark = pytest.mark.live
+
+
+def child_of(parent: int, *words: bytes) -> int:
+    """Process-ID of the child whose command line has these words."""
+    children = [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+    lines = {child: Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0") for child in children}
+    (found,) = (child for child, line in lines.items() if set(words) <= set(line))
+    return found
+
+
+def test_a_standby_whose_planner_hangs_takes_over_and_configures(tmp_path: Path) -> None:
+    file = slow_aircraft(tmp_path)
+    spec = load(file)
+    with Fleet(spec, file, run_folder()) as fleet:
+        fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))
+        first = AwaitedEvents(fleet, fleet.start_manager(FIRST_MANAGER, standby=True))
+        first.wait("manager_started")
+        standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
+        standby.wait("standing_by")
+        manager = child_of(os.getpid(), b"manager", b"--node", str(LAST_MANAGER).encode())
+        os.kill(child_of(manager, b"heronry_manager.planner.service"), signal.SIGSTOP)
+        fleet.kill_manager(FIRST_MANAGER)
+        for pe in spec.pes:
+            fleet.start_pe(pe)
+        standby.wait("reconfigured")
