@@ -23,6 +23,7 @@ every 11-bit frame except identifier 0, emergency events included (see `frame.ar
 11-bit frames only, and decodes 29-bit identifiers to recognise those of other makers.
 """
 
+import math
 import struct
 from enum import IntEnum
 from typing import NamedTuple
@@ -92,6 +93,7 @@ _LAYOUTS = tuple(
     )
 )
 _TYPES = tuple(DataType)
+_INTEGERS = "iIhHbB"  # layouts of one integer
 _IS_TEXT = tuple(layout.format.endswith("s") for layout in _LAYOUTS)
 _RANGES = {
     "": "no value (None)",
@@ -104,6 +106,17 @@ _RANGES = {
     "b": "-128..127",
     "B": "0..255",
 }
+
+
+def value_range(data_type: DataType) -> tuple[float, float]:
+    """Give the least and the greatest value of a type of one number; without end for FLOAT, empty for other types."""
+    layout = _LAYOUTS[data_type].format.removeprefix(">")
+    if layout == "f":
+        return -math.inf, math.inf
+    if layout not in _INTEGERS:
+        return math.inf, -math.inf
+    bits = 8 * _LAYOUTS[data_type].size
+    return (0, (1 << bits) - 1) if layout.isupper() else (-(1 << bits - 1), (1 << bits - 1) - 1)
 
 
 class ErrorReport(NamedTuple):

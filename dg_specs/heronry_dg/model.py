@@ -139,13 +139,17 @@ class Function:
     criticality: Mapping[str | None, Criticality]  # by phase; key None: all other phases
     priority: Mapping[str | None, int]
     value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m for mode i (from 0) of m
+    priority_range: tuple[int, int] | None = None  # within which application code may change the priority; None: never
 
     def criticality_in(self, phase: str | None) -> Criticality:
         """Criticality in a phase."""
         return self.criticality.get(phase, self.criticality[None])
 
     def priority_in(self, phase: str | None) -> int:
-        """Priority in a phase; 0: the function is not wanted."""
+        """Priority in a phase as the spec has it; 0: the function is not wanted.
+
+        `Situation.priority_of` gives the one that holds in flight.
+        """
         return self.priority.get(phase, self.priority[None])
 
     def value_of(self, mode_index: int, mode_count: int) -> int:
@@ -163,6 +167,7 @@ class When:
     above: Fraction | None
     below: Fraction | None
     hold_ns: int
+    origins: tuple[str, ...]  # phases from which the rule leads here (`from`)
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,6 +234,8 @@ class _ReferenceRules:
 
     def _when(self, phase: Element[schema.PhaseForm], when: schema.WhenForm) -> None:
         self._name(_value_place(phase, "when", "variable"), "variable", when.variable, self._draft.variables)
+        for index, origin in enumerate(when.origins or ()):
+            self._name(_value_place(phase, "when", "from", index), "phase", origin, self._draft.phases)
         variable = self._draft.variables.get(when.variable)
         if variable is not None and variable.form is not None and variable.form.type in _NOT_NUMERIC:
             sentence = f"'{when.variable}' is no single number, but of type {shown(variable.form.type)}"

@@ -29,6 +29,7 @@ from heronry_dg.findings import shown
 from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Plant, Variable
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
+from heronry_dg.situation import MOST_PRIORITY
 from heronry_wire.canaerospace import DataType
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
 
@@ -82,6 +83,16 @@ def _checkpoint(value: object) -> bool | int | str:
     raise UnfitError(rules.WRONG_TYPE, sentence, "write checkpoint: true")
 
 
+def _priority_range(value: object) -> tuple[int, int]:
+    match value:
+        case [int(low), int(high)] if bool not in (type(low), type(high)) and 0 <= low <= high <= MOST_PRIORITY:
+            return low, high
+        case _:
+            pass
+    sentence = f"must be the lowest and the highest priority, 0 to {MOST_PRIORITY}, not {shown(value)}"
+    raise UnfitError(rules.WRONG_TYPE, sentence, "write priority_range: [0, 100]")
+
+
 def _optional_number(value: object) -> Fraction | None:
     return None if value is None else quantities.number(value)
 
@@ -108,6 +119,18 @@ FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), 
 Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
 Names = Annotated[list[str], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
 Version = Annotated[int, Field(ge=1)]
+PriorityRange = Annotated[
+    tuple[int, int],
+    PlainValidator(_priority_range),
+    WithJsonSchema(
+        {
+            "type": "array",
+            "items": {"type": "integer", "minimum": 0, "maximum": MOST_PRIORITY},
+            "minItems": 2,
+            "maxItems": 2,
+        }
+    ),
+]
 Restarts = Annotated[int, Field(ge=0, le=MOST_RESTARTS)]
 Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
 PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
@@ -359,6 +382,11 @@ class FunctionForm(Form):
         description="Value of the function per mode of its output, best first; 100 (m - i) / m if left out.",
         examples=[[100, 40]],
     )
+    priority_range: PriorityRange | None = Field(
+        default=None,
+        description="Lowest and highest priority that a module may request in flight; none if left out.",
+        examples=[[0, 100]],
+    )
 
 
 class WhenForm(Form):
@@ -373,6 +401,13 @@ class WhenForm(Form):
         alias="hold_ms",
         description="Time in ms for which the condition must hold without a break.",
         examples=[500],
+    )
+    origins: Names | None = Field(
+        default=None,
+        min_length=1,
+        alias="from",
+        description="Phases from which the rule leads to this one; those listed before it if left out.",
+        examples=[["glide", "landing"]],
     )
 
 

@@ -273,7 +273,7 @@ def _purpose(case: _Case) -> Iterator[Violation]:
     frontier = [
         output
         for function in case.spec.functions.values()
-        if function.priority_in(case.now.phase) > 0
+        if case.now.priority_of(function) > 0
         for output in function.outputs
     ]
     while frontier:

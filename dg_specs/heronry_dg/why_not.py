@@ -67,7 +67,9 @@ def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -
 
     alone: whether the function could be served if no other were wanted; None: not known.
     """
-    if function.priority_in(found.now.phase) == 0:
+    if found.now.priority_of(function) == 0:
+        if function.priority_in(found.now.phase):
+            return "its priority was changed to 0"
         return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
     manager_bus = found.spec.manager.bus
     if manager_bus not in found.left.bus_mbit_per_s:

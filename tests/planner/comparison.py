@@ -22,7 +22,7 @@ from heronry_dg.traffic import hops
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
 from planner.enumerator import Enumerator, TooManyError
-from planner.random_specs import Case, random_case, random_running, random_situation
+from planner.random_specs import Case, random_case, random_priorities, random_running, random_situation
 
 MOST_STRUCTURES = 20_000  # of a case, or it is left out
 MUST_APPEAR = (
@@ -40,6 +40,8 @@ MUST_APPEAR = (
     "phase",
     "limit",
     "fault",
+    "priority changed",
+    "priority changed to 0",
     "something unserved",
     "binding cpu",
     "binding ram",
@@ -84,7 +86,8 @@ def crossing_case(rng: random.Random, *, modules: int = 6) -> Case:
         drawn.spec, buses=buses, manager=Manager("b0"), pes=pes, devices={}, modules=pinned, functions=wanted
     )
     now = random_situation(rng, spec) if rng.random() < 0.3 else Situation(phase=spec.initial_phase())
-    return Case(spec, now, random_running(rng, spec))
+    running = random_running(rng, spec)
+    return Case(spec, replace(now, priorities=random_priorities(rng, spec)), running)
 
 
 def compare(case: Case) -> tuple[str | None, set[str]]:
@@ -118,7 +121,7 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
     feeds = {(consumer, wire.producer) for consumer, _, wire in configuration.wires()}
     yield from ("feedback" for a, b in feeds if (b, a) in feeds)
     yield from ("gateway crossed" for hop in hops(survivors(case.spec, case.now), configuration) if hop.after)
-    wanted = [f for f in case.spec.functions.values() if f.priority_in(case.now.phase)]
+    wanted = [f for f in case.spec.functions.values() if case.now.priority_of(f)]
     kept = {name: (r.mode, r.pe) for name, r in configuration.modules.items()}.items() & (case.running or {}).items()
     shown = {
         "changes": found.objective.changes > 0,
@@ -126,6 +129,8 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "phase": case.now.phase != case.spec.initial_phase(),
         "limit": bool(case.now.limits),
         "fault": bool(case.now.down),
+        "priority changed": any(case.now.priorities.values()),
+        "priority changed to 0": 0 in case.now.priorities.values(),
         "something unserved": any(not found.functions[function.name].served for function in wanted),
     }
     yield from (word for word, holds_here in shown.items() if holds_here)

@@ -45,7 +45,8 @@ class Case:
 def random_case(rng: random.Random, *, modules: int = 7) -> Case:
     """Draw a spec of 3 to `modules` modules, a situation, and a running placement."""
     spec = random_spec(rng, modules=modules)
-    return Case(spec, random_situation(rng, spec), random_running(rng, spec))
+    now, running = random_situation(rng, spec), random_running(rng, spec)
+    return Case(spec, replace(now, priorities=random_priorities(rng, spec)), running)
 
 
 def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
@@ -347,6 +348,13 @@ def random_situation(rng: random.Random, spec: Spec) -> Situation:
     return Situation(frozenset(down), limits, rng.choice(list(spec.phases)) if spec.phases else None)
 
 
+def random_priorities(rng: random.Random, spec: Spec) -> dict[str, int]:
+    """Draw priorities that were changed in flight: mostly none."""
+    if rng.random() < 0.7:
+        return {}
+    return {name: rng.choice((0, 1, 2, 4, 300)) for name in spec.functions if rng.random() < 0.5}
+
+
 def random_running(rng: random.Random, spec: Spec) -> dict[str, tuple[str, str]] | None:
     """Draw what runs: any modules anywhere, as after a fault, or nothing known."""
     if rng.random() < 0.4:
@@ -393,6 +401,7 @@ def features(case: Case) -> dict[str, bool]:
         "shared output": len({f.output for f in spec.functions.values()}) < len(spec.functions),
         "limit": bool(now.limits),
         "faults": bool(now.down),
+        "changed priority": bool(now.priorities),
         "running": case.running is not None,
         "feeds itself": any(leaf.variable in mode.gives for mode in every_mode for _, leaf in mode.leaves()),
     }

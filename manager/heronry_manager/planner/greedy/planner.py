@@ -54,7 +54,7 @@ class Greedy:
         function anything; None: none is known.
         """
         scene = self._scenery.scene(now)
-        wanted = self._tables.wanted(now.phase)
+        wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))
         return plan_of(repair.draft, self._tables, wanted, now, running)
 

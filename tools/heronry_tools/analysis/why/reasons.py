@@ -74,7 +74,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
         function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs
     )  # modes are listed best first
     unknown = Explanation(function, now, report, best_value, (), ())
-    if function.priority_in(now.phase) == 0 or (report.served and report.value >= best_value):
+    if now.priority_of(function) == 0 or (report.served and report.value >= best_value):
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
     every = assumptions(question, function.name)

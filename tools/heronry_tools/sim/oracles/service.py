@@ -291,11 +291,11 @@ class ServiceCheck(Oracle):
         """Tell whether the best plan serves every wanted function of this function's class and the classes above."""
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
-        if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):
+        if criticality not in CRITICAL_CLASSES or not now.priority_of(self._spec.functions[name]):
             return False
         last = CRITICAL_CLASSES.index(criticality)
         possible = critical_at_best(self._spec, now)
         return all(
-            possible[i] == sum(f.priority_in(now.phase) for f in functions if f.criticality_in(now.phase) == one)
+            possible[i] == sum(now.priority_of(f) for f in functions if f.criticality_in(now.phase) == one)
             for i, one in enumerate(CRITICAL_CLASSES[: last + 1])
         )
