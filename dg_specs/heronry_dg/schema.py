@@ -29,9 +29,9 @@ from heronry_dg.findings import shown
 from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Plant, Variable
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
-from heronry_dg.situation import MOST_PRIORITY
 from heronry_wire.canaerospace import DataType
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
+from heronry_wire.management import MOST_PRIORITY
 
 NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier; has no character of ELEMENT=40%
 DEFAULT_PHASE: Final = "default"

@@ -19,9 +19,9 @@ from fractions import Fraction
 
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
+from heronry_wire.management import MOST_PRIORITY
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
-MOST_PRIORITY = 32767  # of a changed priority: fifteen bits on the bus
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 

@@ -116,6 +116,14 @@ class Context(Protocol):
     def request_phase(self, phase: str) -> None:
         """Request a mission phase of the spec from the manager; the same request in the next step has no effect."""
 
+    def request_priority(self, function: str, priority: int | None) -> None:
+        """Request another priority of a function from the manager; None: that of the spec.
+
+        The manager refuses a priority outside the function's `priority_range`, and a change while the operator's
+        priority stands. It makes at most one change a second; until then, the last request of several waits. The same
+        request in the next step has no effect. The priority stays when the module stops.
+        """
+
 
 class Module:
     """Base of every module; subclasses override `step`."""

@@ -58,6 +58,9 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     for channel, lacking in status["channels"].items():
         if lacking:
             yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
+    words = {"operator": "the operator", "module": "a module"}
+    for name, changed in status["priorities"].items():
+        yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
     for phase in status["unwatched"]:
         yield f"! no running module gives the variable that requests phase {phase}"
 

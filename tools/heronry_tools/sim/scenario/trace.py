@@ -29,6 +29,8 @@ _LINES: Mapping[str, str] = {
     "channel_lost": "channel {channel} carries nothing, reported by {by}",
     "channel_back": "channel {channel} is back, reported by {by}",
     "phase_changed": "phase {phase}, requested by {by}",
+    "priority_changed": "priority {priority} of {function}, requested by {by}",
+    "priority_refused": "priority {priority} of {function}, requested by {by}, is refused: {why}",
     "adopted": "epoch {epoch} is adopted as it runs",
     "plan_failed": "no plan: {reason}",
     "plan_unchanged": "everything runs as planned",
