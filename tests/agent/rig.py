@@ -39,6 +39,9 @@ class Host:
         assert 0 <= detail <= 0xFFFF
         self.reports.append((element, detail))
 
+    def request_priority(self, function: str, priority: int | None) -> None:
+        """A test that uses it has a host of its own."""
+
     def request_phase(self, phase: str) -> None:
         self.phases.append(phase)
 

@@ -19,8 +19,8 @@ phase to which it does not lead: the manager acknowledges that and stays. It dec
 
 A module that requests the same phase in every step makes one request. A request stands until its module requests
 another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not know it: with the same number, so that a manager does not execute it twice, and only where a rule leads there. A
-rule that may lead back withdraws its acknowledged request when it is armed again: what it said is over.
+not know it: with the same number, so that a manager does not execute it twice, and only where a rule leads there. If
+some rule of the spec leads back, a rule withdraws its acknowledged request when it is armed again: that is over.
 
 `faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
 A module that starts here, because another PE has failed or this PE has restarted, begins with every rule armed: a rule
@@ -69,10 +69,6 @@ class _Watch:
         """Tell whether the rule is fired, and values come without a break."""
         return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
 
-    def leads_back(self) -> bool:
-        """Tell whether an origin of the rule is not before its phase."""
-        return any(origin > self.phase for origin in self.rule.origins)
-
     def _is_beyond(self, value: float) -> bool:
         above, below = self.rule.above, self.rule.below
         return (above is not None and value > above) or (below is not None and value < below)
@@ -87,6 +83,8 @@ class PhaseRequests:
         self._requested: dict[int, int] = {}  # phase that each module requested last
         self._standing: int | None = None  # module whose request is the last one of this PE
         self._standing_watch: _Watch | None = None  # the rule that has made this request; None: the module itself
+        phases = enumerate(index.table.phases)
+        self._returns = any(origin > phase for phase, rule in phases for origin in rule.origins)  # a rule may lead back
         self._phase: int | None = None  # the phase that the manager told last
 
     def started(self, module: int, mode: int) -> None:
@@ -113,7 +111,7 @@ class PhaseRequests:
             return []
         fired = [watch for watch in watches if watch.see(value, now_ns)]
         standing = self._standing_watch
-        if standing is not None and standing.armed and standing.leads_back() and not self._faults.is_asking:
+        if standing is not None and standing.armed and self._returns and not self._faults.is_asking:
             self._withdraw()
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
