@@ -155,6 +155,8 @@ class Enumerator:
             return
         first, *rest = paths
         leaf = leaf_of[first]
+        if leaf.only_in is not None and self.now.phase is not None and self.now.phase not in leaf.only_in:
+            return
         for producer in self._modules:
             for mode in producer.modes.values():
                 version = mode.gives.get(leaf.variable, 0)

@@ -45,7 +45,7 @@ _OR_FIELDS: Final[Mapping[str, Any]] = {
 }
 _INPUT: Final[Mapping[str, Any]] = {
     "type": "object",
-    "description": "A variable whose versions are worth other points than by default.",
+    "description": "A variable with points of its own for its versions, or that is read in some phases only.",
     "properties": {
         "var": {
             "type": "string",
@@ -58,6 +58,14 @@ _INPUT: Final[Mapping[str, Any]] = {
             "items": {"type": "integer", "minimum": 0, "maximum": MOST_POINTS},
             "description": "Points for each accepted version (or for each version of the variable), best first.",
             "examples": [[30, 10]],
+        },
+        "only_in": {
+            "type": ["array", "null"],
+            "items": {"type": "string"},
+            "minItems": 1,
+            "uniqueItems": True,
+            "description": "Phases in which the input may be wired; all if left out.",
+            "examples": [["glide"]],
         },
     },
     "required": ["var"],

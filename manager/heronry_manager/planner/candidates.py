@@ -67,7 +67,7 @@ class Candidates:
 
 def candidates(spec: Spec, now: Situation) -> Candidates:
     """Find the candidates in a situation."""
-    left = survivors(spec, now)
+    spec, left = spec.in_phase(now.phase), survivors(spec, now)
     wanted = frozenset(m for f in spec.functions.values() if now.priority_of(f) > 0 for m in f.outputs)
     possible = _possible(_placeable(spec, left))
     useful = _useful(possible, wanted)

@@ -95,7 +95,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
 
 def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
     others = {name: report.value for name, report in found.functions.items() if report.served}
-    return Question(spec, found.now.down, {**others, function.name: least})
+    return Question(spec.in_phase(found.now.phase), found.now.down, {**others, function.name: least})
 
 
 def _is_possible(question: Question) -> bool:
