@@ -19,6 +19,8 @@ T = TypeVar("T")
 
 Value = int | float | str | bytes | tuple[int, ...]
 
+DISAGREEMENT = "disagreement"  # in the reports of a step, in place of an element
+
 
 class Datum(NamedTuple):
     """One value of a variable as a consumer sees it."""
@@ -112,6 +114,12 @@ class Context(Protocol):
 
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
+
+    def report_disagreement(self, detail: int = 0) -> None:
+        """Tell the manager that two inputs differ, and that neither is known to be wrong; detail is 0..65535.
+
+        No plan changes. Tell it for as long as it lasts; it goes out once a second at most.
+        """
 
     def request_phase(self, phase: str) -> None:
         """Request a mission phase of the spec from the manager; the same request in the next step has no effect."""

@@ -51,6 +51,7 @@ class Beat:
         """Send LEASE, ALIVE, a PING to each suspect, and one fact for a standby manager, if one is due."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
+        known.situation.disagreements.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()
         self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))

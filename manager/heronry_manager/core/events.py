@@ -34,6 +34,8 @@ KINDS: Mapping[str, str] = {
     "channel_lost": "channel, by: a channel of a replicated bus carries nothing for that node; the other one does",
     "channel_back": "channel, by: the channel carries frames for that node again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
+    "disagreement": "module, by, detail: two inputs of this module differ, and neither is known to be wrong",
+    "agreement": "module, by: this disagreement is over",
     "priority_changed": "function, priority, before, by: the operator or a module did it; default: that of the spec",
     "priority_refused": "function, priority, by, why: a module has requested a priority that it may not set",
     "adopted": "epoch, digest: the PEs run a known configuration already; this mastership takes it over as it is",

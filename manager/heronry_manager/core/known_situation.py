@@ -9,8 +9,8 @@ Each change returns its consequences as values, in the order in which `reactions
 
 Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
-priorities; `lost_channels` and `restarts_told` serve reports, and change no plan. The head of each file says what
-follows from a lost, late, doubled or forged message.
+priorities; `lost_channels`, `disagreements` and `restarts_told` serve reports, and change no plan. The head of each
+file says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
@@ -33,6 +33,7 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.core.changed_priorities import ChangedPriorities
+from heronry_manager.core.disagreements import Disagreements
 from heronry_manager.core.health import Health, HealthChange
 from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.lost_channels import LostChannels
@@ -91,6 +92,7 @@ class KnownSituation:
         self.links = RadioLinks(spec)
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
+        self.disagreements = Disagreements(spec, turn)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element

@@ -86,6 +86,9 @@ class PeReports:
         """Take an EMCY of a PE: a fault, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
+        if emergency.code is FaultCode.DISAGREEMENT:
+            self._known.situation.disagreements.reported(pe, emergency)
+            return
         if emergency.kind not in _REQUESTS:
             changes = self._known.situation.reported(pe, emergency)
         elif self._settings.advise and self._known.following.hears_lease():

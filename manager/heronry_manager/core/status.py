@@ -17,6 +17,7 @@ A pure function of the parts of the core. The document is versioned; a later ver
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
+    disagreements   list of module (a comparator), by, detail
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
                     is not known, served, mode and value are null)
     buses           by name: bits_per_s and load, as planned
@@ -76,6 +77,7 @@ def status(
         "failures": details.failures(),
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
+        "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
         "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),

@@ -52,11 +52,13 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_agent.module import Value
+from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
-from heronry_wire.management import SPECS_PRIORITY, ElementKind, FaultCode
+from heronry_wire.identifiers import emcy_id
+from heronry_wire.management import SPECS_PRIORITY, ElementKind, Emergency, FaultCode
 from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import Send, require
 
 EVALUATED_AFTER_NS = 1_000_000_000
@@ -90,6 +92,7 @@ class RunningModules:
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
+        self._disagreed_ns: dict[int, int] = {}  # by module: when it told a disagreement last
         self.has_exclusive_output = False
         self.load_percent = 0
 
@@ -380,7 +383,18 @@ class RunningModules:
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))
 
+    def _disagrees(self, running: _Running, detail: int) -> None:
+        """Tell that the inputs of a module differ, once a second at most; nobody acknowledges that."""
+        now_ns, index = self._turn.now_ns, running.entry.index
+        if now_ns - self._disagreed_ns.get(index, -FAULT_QUIET_NS) >= FAULT_QUIET_NS:
+            self._disagreed_ns[index] = now_ns
+            told = Emergency(FaultCode.DISAGREEMENT, 0, ElementKind.MODULE, index, detail)
+            self._tell([Frame(emcy_id(self._index.node), told.encode())])
+
     def _report(self, running: _Running, element: str, detail: int) -> None:
+        if element == DISAGREEMENT:
+            self._disagrees(running, detail)
+            return
         found = self._index.elements.get(element)
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)

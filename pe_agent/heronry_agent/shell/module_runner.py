@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from heronry_agent.core.vocabulary import Failure
-from heronry_agent.module import Datum, Inputs, Module, Value
+from heronry_agent.module import DISAGREEMENT, Datum, Inputs, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_wire.management import MOST_PRIORITY, SPECS_PRIORITY
 
@@ -85,6 +85,10 @@ class _Context:
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element has failed."""
         self.reports.append((str(element), min(max(int(detail), 0), _MOST_DETAIL)))
+
+    def report_disagreement(self, detail: int = 0) -> None:
+        """Tell the manager that two inputs differ."""
+        self.report_failed(DISAGREEMENT, detail)
 
     def request_phase(self, phase: str) -> None:
         """Request a mission phase from the manager."""

@@ -59,6 +59,8 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
         if lacking:
             yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
     words = {"operator": "the operator", "module": "a module"}
+    for told in status["disagreements"]:
+        yield f"! two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
     for name, changed in status["priorities"].items():
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
     for phase in status["unwatched"]:

@@ -45,6 +45,8 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
     "second_manager": ("manager {node} is active, too", "bad"),
     "fault_cleared": ("{element} counts as working again, cleared by {by}", "good"),
+    "disagreement": ("two inputs of module:{module} disagree (detail {detail}), reported by {by}", "bad"),
+    "agreement": ("the inputs of module:{module} agree again", "good"),
     "priority_changed": ("PRIORITY of {function}: {priority} (was {before}), requested by {by}", "title"),
     "priority_refused": ("priority {priority} of {function}, requested by {by}, is refused: {why}", "bad"),
     "phase_changed": ("PHASE {phase} (was {before}), requested by {by}", "title"),

@@ -17,7 +17,15 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
 from heronry_wire.management import ElementKind, Emergency, decode_emergency
 
-_REPORTS_NO_FAULT = ("RESET", "PHASE_REQUEST", "PRIORITY_REQUEST", "MODULE_RESTARTED", "CHANNEL_LOST", "CHANNEL_BACK")
+_REPORTS_NO_FAULT = (
+    "RESET",
+    "PHASE_REQUEST",
+    "PRIORITY_REQUEST",
+    "DISAGREEMENT",
+    "MODULE_RESTARTED",
+    "CHANNEL_LOST",
+    "CHANNEL_BACK",
+)
 
 
 class BlameCheck(Oracle):

@@ -19,6 +19,7 @@ _REPORTS_NO_FAULT = (
     FaultCode.RESET,
     FaultCode.PHASE_REQUEST,
     FaultCode.PRIORITY_REQUEST,
+    FaultCode.DISAGREEMENT,
     FaultCode.MODULE_RESTARTED,
     FaultCode.CHANNEL_BACK,
 )

@@ -29,6 +29,8 @@ _LINES: Mapping[str, str] = {
     "channel_lost": "channel {channel} carries nothing, reported by {by}",
     "channel_back": "channel {channel} is back, reported by {by}",
     "phase_changed": "phase {phase}, requested by {by}",
+    "disagreement": "two inputs of module:{module} disagree, reported by {by}",
+    "agreement": "the inputs of module:{module} agree again",
     "priority_changed": "priority {priority} of {function}, requested by {by}",
     "priority_refused": "priority {priority} of {function}, requested by {by}, is refused: {why}",
     "adopted": "epoch {epoch} is adopted as it runs",
