@@ -25,6 +25,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.plan_report import FunctionReport
 from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
+from heronry_manager.planner.explain import explained
 from heronry_tools.analysis.check.servable import PLENTY, Planning
 from heronry_tools.analysis.why.assumptions import (
     CAPACITIES,
@@ -68,7 +69,7 @@ class Explanation:
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     """Explain how a function is served in a situation, with the phase's fault-free plan running."""
     healthy = plan(spec, Situation(phase=now.phase))
-    found = plan(spec, now, placement(healthy.configuration)) if now.down else healthy
+    found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)
     report = found.functions[function.name]
     best_value = max(
         function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs

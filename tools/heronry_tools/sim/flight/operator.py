@@ -53,7 +53,7 @@ class Operator:
             self._is_well(order.element, term)
         elif isinstance(order, EnterPhase):
             self._checks.ordered(self._clock.now_ns, order.phase, term)
-        else:
+        elif isinstance(order, SetPriority):
             self._checks.set_priority(self._clock.now_ns, order.function, order.priority)
         return reply
 
