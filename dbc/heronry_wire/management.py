@@ -95,6 +95,7 @@ class FaultCode(IntEnum):
     CHANNEL_LOST = 0xFF09  # not a fault of the PE: this PE hears nothing on a channel of a replicated bus
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
+    UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 

@@ -150,6 +150,8 @@ class PeTable:
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
     module_names: tuple[str, ...]  # of the whole spec; EMCY uses their indices
+    pe_names: tuple[str, ...] = ()  # of the whole spec, like the next ones
+    bus_names: tuple[str, ...] = ()
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     adjustable: dict[str, int] = field(default_factory=dict)  # functions whose priority a module may change: indices
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME

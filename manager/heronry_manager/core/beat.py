@@ -52,6 +52,8 @@ class Beat:
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
         known.situation.disagreements.beat()
+        known.situation.unknown_reports.beat()
+        known.situation.suspicions.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()
         self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))

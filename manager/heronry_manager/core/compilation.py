@@ -90,6 +90,8 @@ class Compiler:
             variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
             devices=tuple(DeviceEntry(d.name, d.kind, spec.pes[d.pe].node_id) for d in spec.devices.values()),
             module_names=tuple(spec.modules),
+            pe_names=tuple(spec.pes),
+            bus_names=tuple(spec.buses),
             phases=tuple(_phase_entry(phase, list(spec.phases)) for phase in spec.phases.values()),
             adjustable=_adjustable(spec),
             flight_critical=tuple(_flight_critical(spec)),

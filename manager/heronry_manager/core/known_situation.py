@@ -5,11 +5,12 @@ Each change returns its consequences as values, in the order in which `reactions
     HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
+    PeAsked           a module suspects a PE
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
 Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
-priorities; `lost_channels`, `disagreements` and `restarts_told` serve reports, and change no plan. The head of each
+priorities; `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
 file says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
@@ -33,14 +34,15 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.core.changed_priorities import ChangedPriorities
-from heronry_manager.core.disagreements import Disagreements
 from heronry_manager.core.health import Health, HealthChange
 from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.lost_channels import LostChannels
 from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
 from heronry_manager.core.mission_phase import MissionPhase
+from heronry_manager.core.module_notices import ModuleNotices
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
+from heronry_manager.core.suspicions import Suspicions
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
@@ -75,7 +77,14 @@ class ModuleReleased:
     module: str
 
 
-SituationChange = HealthChange | PlanNeeded | LimitChanged | ModuleReleased
+@dataclass(frozen=True, slots=True)
+class PeAsked:
+    """A module suspects this PE: it is to be asked for its state."""
+
+    pe: str
+
+
+SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased
 Changes = Sequence[SituationChange]
 
 
@@ -92,7 +101,9 @@ class KnownSituation:
         self.links = RadioLinks(spec)
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
-        self.disagreements = Disagreements(spec, turn)
+        self.disagreements = ModuleNotices(spec, turn, "disagreement", "agreement")
+        self.unknown_reports = ModuleNotices(spec, turn, "unknown_element", None)
+        self.suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
@@ -163,6 +174,12 @@ class KnownSituation:
             return None
         if emergency.code is FaultCode.MODULE_RESTARTED:
             self._restarts.reported(pe, element, emergency.detail)
+            return ()
+        kind, _, name = element.partition(":")
+        if kind == "pe":
+            return (PeAsked(name),) if self.suspicions.pe(name, pe) else ()
+        if kind == "bus":
+            self.suspicions.bus(name, pe)
             return ()
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 

@@ -68,6 +68,7 @@ class PeReports:
         if page.state is not PeState.UNCONFIGURED:
             known.health.in_flight(self._turn.now_ns)
         known.following.state(pe, page)
+        known.situation.suspicions.answered(pe)
         cause = known.deployment.observe(pe, page)
         if self._settings.advise:
             self._replanning.look_at_what_runs()
@@ -86,8 +87,13 @@ class PeReports:
         """Take an EMCY of a PE: a fault, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
-        if emergency.code is FaultCode.DISAGREEMENT:
-            self._known.situation.disagreements.reported(pe, emergency)
+        situation = self._known.situation
+        notices = {
+            FaultCode.DISAGREEMENT: situation.disagreements,
+            FaultCode.UNKNOWN_ELEMENT: situation.unknown_reports,
+        }.get(emergency.code)
+        if notices is not None:
+            notices.reported(pe, emergency)
             return
         if emergency.kind not in _REQUESTS:
             changes = self._known.situation.reported(pe, emergency)

@@ -13,7 +13,8 @@ is sent once in a heartbeat period, and the same cause adds no second one.
                     that a manager does not execute it twice
     priority        at most one for each function: like a phase request, but numbered for each function
 
-A restart of a module is reported the same way, but does not stay on record. It is acknowledged separately from a fault
+A restart of a module, and a report of a PE or a bus (a suspicion, which the manager judges), are reported the same way,
+but do not stay on record. It is acknowledged separately from a fault
 of the same module: if the module is given up after the restart, the manager must learn that too. A fault on record is
 reported again to every new active manager, since the previous manager may have acknowledged the fault and died before
 the standby manager knew. There is one exception: if this PE was cut off from all other nodes after the acknowledgement
@@ -51,6 +52,7 @@ from heronry_wire.sansio import NEVER_NS
 _NO_ERROR = 0x00
 _ERROR_REGISTER = 0x81  # CiA 301 object 1001h: generic error, manufacturer specific
 _LARGEST_BYTE = 127
+_SUSPECTED = (ElementKind.PE, ElementKind.BUS)
 _Key = tuple[FaultCode, ElementKind, int]
 
 
@@ -100,7 +102,7 @@ class Faults:
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
             return []
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
-        if code is not FaultCode.MODULE_RESTARTED:
+        if code is not FaultCode.MODULE_RESTARTED and kind not in _SUSPECTED:
             self._told[kind, index] = emergency, now_ns
         self.history.add(code, kind, index)
         return self._pend(emergency, now_ns)

@@ -92,7 +92,7 @@ class RunningModules:
         self.phase_requests = PhaseRequests(index, self.faults)
         self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
-        self._disagreed_ns: dict[int, int] = {}  # by module: when it told a disagreement last
+        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module: when it told what is no fault
         self.has_exclusive_output = False
         self.load_percent = 0
 
@@ -383,21 +383,24 @@ class RunningModules:
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))
 
-    def _disagrees(self, running: _Running, detail: int) -> None:
-        """Tell that the inputs of a module differ, once a second at most; nobody acknowledges that."""
+    def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
+        """Tell what is no fault, once a second at most; nobody acknowledges that. Tells whether it went out."""
         now_ns, index = self._turn.now_ns, running.entry.index
-        if now_ns - self._disagreed_ns.get(index, -FAULT_QUIET_NS) >= FAULT_QUIET_NS:
-            self._disagreed_ns[index] = now_ns
-            told = Emergency(FaultCode.DISAGREEMENT, 0, ElementKind.MODULE, index, detail)
-            self._tell([Frame(emcy_id(self._index.node), told.encode())])
+        if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:
+            return False
+        self._noticed_ns[index, code] = now_ns
+        self._tell([Frame(emcy_id(self._index.node), Emergency(code, 0, ElementKind.MODULE, index, detail).encode())])
+        return True
 
     def _report(self, running: _Running, element: str, detail: int) -> None:
         if element == DISAGREEMENT:
-            self._disagrees(running, detail)
+            self._notice(running, FaultCode.DISAGREEMENT, detail)
             return
         found = self._index.elements.get(element)
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
+            if self._notice(running, FaultCode.UNKNOWN_ELEMENT, detail):
+                self._turn.note("fault", f"module {running.entry.name} reports {element}, which the spec does not have")
             return
         if self.has_exclusive_output and not self._output_authorization.allows(self._turn.now_ns):
             self._held_ns = self._turn.now_ns

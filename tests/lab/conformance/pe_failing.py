@@ -205,7 +205,8 @@ def nothing_is_reported_while_outputs_are_held() -> None:
     pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE))
     pe.run(10)
     began_ns = pe.run(100)
-    equal(pe.emergencies(began_ns), [], "EMCYs of an unknown element")
+    told = [(said.code, said.kind) for _, said in pe.emergencies(began_ns)]
+    equal(told, [(FaultCode.UNKNOWN_ELEMENT, ElementKind.MODULE)], "EMCYs of an unknown element")
 
 
 def _reports_while_identifiers_are_doubted() -> None:

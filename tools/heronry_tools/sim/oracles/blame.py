@@ -22,6 +22,7 @@ _REPORTS_NO_FAULT = (
     "PHASE_REQUEST",
     "PRIORITY_REQUEST",
     "DISAGREEMENT",
+    "UNKNOWN_ELEMENT",
     "MODULE_RESTARTED",
     "CHANNEL_LOST",
     "CHANNEL_BACK",
@@ -65,6 +66,8 @@ class BlameCheck(Oracle):
     def _reported_by(self, sent: Sent) -> tuple[str | None, int]:
         emergency = decode_emergency(sent.frame.data)
         if isinstance(emergency, Malformed) or emergency.code.name in _REPORTS_NO_FAULT:
+            return None, 0
+        if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager judges
             return None, 0
         names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
         return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail

@@ -20,6 +20,7 @@ _REPORTS_NO_FAULT = (
     FaultCode.PHASE_REQUEST,
     FaultCode.PRIORITY_REQUEST,
     FaultCode.DISAGREEMENT,
+    FaultCode.UNKNOWN_ELEMENT,
     FaultCode.MODULE_RESTARTED,
     FaultCode.CHANNEL_BACK,
 )
