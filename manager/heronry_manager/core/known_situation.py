@@ -39,7 +39,7 @@ from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, Latche
 from heronry_manager.core.lost_channels import LostChannels
 from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
 from heronry_manager.core.mission_phase import MissionPhase
-from heronry_manager.core.module_notices import ModuleNotices
+from heronry_manager.core.module_notices import Disagreements, UnknownReports
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
 from heronry_manager.core.suspicions import Suspicions
@@ -101,8 +101,8 @@ class KnownSituation:
         self.links = RadioLinks(spec)
         self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
-        self.disagreements = ModuleNotices(spec, turn, "disagreement", "agreement")
-        self.unknown_reports = ModuleNotices(spec, turn, "unknown_element", None)
+        self.disagreements = Disagreements(spec, turn)
+        self.unknown_reports = UnknownReports(spec, turn)
         self.suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"

@@ -20,12 +20,10 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class ModuleNotices:
-    """The notices of one kind."""
+    """The notices of one kind; a subclass says which events tell them."""
 
-    def __init__(self, spec: Spec, turn: Turn, begun: str, over: str | None) -> None:
-        """begun, over: the events; None: none tells that one is over."""
+    def __init__(self, spec: Spec, turn: Turn) -> None:
         self._modules, self._turn = list(spec.modules), turn
-        self._begun, self._over = begun, over
         self._told: dict[tuple[str, str], tuple[int, int]] = {}  # by module and PE: time and detail of the last one
 
     def reported(self, pe: str, emergency: Emergency) -> None:
@@ -34,7 +32,7 @@ class ModuleNotices:
             return
         key = self._modules[emergency.index], pe
         if key not in self._told:
-            self._turn.emit(self._begun, module=key[0], by=pe, detail=emergency.detail)
+            self._begun(*key, emergency.detail)
         self._told[key] = self._turn.now_ns, emergency.detail
 
     def beat(self) -> None:
@@ -42,9 +40,31 @@ class ModuleNotices:
         for (module, pe), (at_ns, _) in list(self._told.items()):
             if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS:
                 del self._told[module, pe]
-                if self._over is not None:
-                    self._turn.emit(self._over, module=module, by=pe)
+                self._over(module, pe)
 
     def all(self) -> list[tuple[str, str, int]]:
         """Give module, PE and detail of each that lasts."""
         return [(module, pe, detail) for (module, pe), (_, detail) in sorted(self._told.items())]
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        raise NotImplementedError
+
+    def _over(self, module: str, by: str) -> None:
+        """Tell that one is over; no event by default."""
+
+
+class Disagreements(ModuleNotices):
+    """Comparators whose inputs differ."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        self._turn.emit("disagreement", module=module, by=by, detail=detail)
+
+    def _over(self, module: str, by: str) -> None:
+        self._turn.emit("agreement", module=module, by=by)
+
+
+class UnknownReports(ModuleNotices):
+    """Modules that report an element which the spec does not have."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        self._turn.emit("unknown_element", module=module, by=by, detail=detail)
