@@ -15,8 +15,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, TypeGuard
 
-from heronry_dg import cycles, schema, yaml_source
+from heronry_dg import cycles, yaml_source
 from heronry_dg.draft import Draft
+from heronry_dg.field_types import MOST_POINTS
 from heronry_dg.findings import Findings, Place, listed, shown, shown_cycle
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
 from heronry_dg.rules import graph as rules
@@ -197,7 +198,7 @@ class ExpressionReader:
         if len(points) != len(items) or len(points) not in {accepted, versions}:
             lengths = listed(dict.fromkeys((str(accepted), str(versions))), last="or")
             numbers = "whole number" if lengths == "1" else "whole numbers"
-            sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {schema.MOST_POINTS}"
+            sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {MOST_POINTS}"
             self._findings.add(
                 rules.BAD_WORTH, node.place, sentence, "points for each version that is accepted, best first"
             )
@@ -345,7 +346,7 @@ def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> 
 
 
 def _is_points(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= schema.MOST_POINTS
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_POINTS
 
 
 def _names_in(node: Node) -> Iterator[str]:

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
+from heronry_dg.field_types import DEFAULT_PHASE, NAME_PATTERN
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
 from heronry_dg.misspelt import blame_declarations
@@ -122,7 +123,7 @@ def _spec_of(data: bytes | None, file: str, findings: Findings) -> Spec:
 
 def _name_of(file: str) -> str:
     name = re.sub(r"\W", "_", Path(file).name.removesuffix(SUFFIX), flags=re.ASCII)
-    return name if re.fullmatch(schema.NAME_PATTERN, name) else "spec"
+    return name if re.fullmatch(NAME_PATTERN, name) else "spec"
 
 
 def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
@@ -248,7 +249,7 @@ def _phase(name: str, form: schema.PhaseForm, order: list[str]) -> Phase:
 
 def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
     """Convert a map by phase: `default`, which stands for all other phases, becomes the key None."""
-    return {None if phase == schema.DEFAULT_PHASE else phase: value for phase, value in values.items()}
+    return {None if phase == DEFAULT_PHASE else phase: value for phase, value in values.items()}
 
 
 def _optional_tuple(items: list[V] | None) -> tuple[V, ...] | None:

@@ -12,6 +12,7 @@ from typing import Final, TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
+from heronry_dg.field_types import DEFAULT_PHASE
 from heronry_dg.findings import Findings, Place, listed, shown
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
@@ -170,7 +171,7 @@ class _ReferenceRules:
     def phases(self) -> None:
         """Check that phase rules watch a number in one direction, and that the phases to plan for exist."""
         for phase, form in _whole(self._draft.phases):
-            if phase.name == schema.DEFAULT_PHASE:
+            if phase.name == DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
                 hint = "in the maps by phase this name means all other phases"
                 self._findings.add(rules.PHASE_NAMED_DEFAULT, phase.place, sentence, hint)
@@ -228,7 +229,7 @@ class _ReferenceRules:
 
     def _phase_keys(self, function: Element[schema.FunctionForm], field: str, by_phase: Mapping[str, object]) -> None:
         for phase in by_phase:
-            if phase != schema.DEFAULT_PHASE:
+            if phase != DEFAULT_PHASE:
                 place = yaml_source.key_place(_child(function.node, field), phase)
                 self._name(place, "phase", phase, self._draft.phases)
 

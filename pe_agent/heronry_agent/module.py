@@ -115,7 +115,7 @@ class Context(Protocol):
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535.
 
-        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager judges it by its own evidence.
+        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager assesses it by its own evidence.
         """
 
     def report_disagreement(self, detail: int = 0) -> None:

@@ -103,7 +103,7 @@ def test_a_request_that_comes_again_or_late_has_no_effect(manager: OneManager) -
     assert not acknowledged(manager, request(9, 6, 60))  # no such function
 
 
-def test_the_operators_order_stands_until_it_is_taken_back(manager: OneManager) -> None:
+def test_the_operators_order_stands_until_the_operator_ends_it(manager: OneManager) -> None:
     assert "the priority of elevator is 300 from now on" in order(manager, "elevator", 300).sentence
     assert order(manager, "elevator", 300).sentence == "the priority of elevator is 300 already"
     assert acknowledged(manager, request(ELEVATOR, 1, 60))

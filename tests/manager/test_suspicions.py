@@ -1,4 +1,4 @@
-"""A module reports a PE or a bus: the manager judges by its own evidence, and tells both."""
+"""A module reports a PE or a bus: the manager assesses it by its own evidence, and tells both."""
 
 from heronry_dg.loader import loads
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation, Ping
@@ -20,8 +20,8 @@ def flying(text: str | None = None) -> OneManager:
     return manager
 
 
-def judged(manager: OneManager) -> list[tuple[str, str]]:
-    return [(told["element"], told["found"]) for told in manager.of("suspicion_judged")]
+def concluded(manager: OneManager) -> list[tuple[str, str]]:
+    return [(told["element"], told["found"]) for told in manager.of("suspicion_assessed")]
 
 
 def pings(manager: OneManager) -> list[int]:
@@ -33,7 +33,7 @@ def test_a_pe_that_answers_stays_and_both_is_told() -> None:
     assert suspect(manager, "left", ElementKind.PE, 1)
     assert pings(manager) == [93]
     manager.beat("middle")
-    assert judged(manager) == [("pe:middle", "it answers, and stays")]
+    assert concluded(manager) == [("pe:middle", "it answers, and stays")]
     (told,) = manager.of("suspicion")
     assert (told["element"], told["by"], told["evidence"]) == (
         "pe:middle",
@@ -60,7 +60,7 @@ def test_a_pe_that_is_silent_is_lost_like_any_other() -> None:
     manager.die("middle")
     suspect(manager, "left", ElementKind.PE, 1)
     manager.pass_time(5 * BEAT_NS)
-    assert judged(manager) == [("pe:middle", "it does not answer, and is lost")]
+    assert concluded(manager) == [("pe:middle", "it does not answer, and is lost")]
     assert suspect(manager, "right", ElementKind.PE, 1)
     assert manager.of("suspicion")[-1]["evidence"] == "it counts as lost already"
     suspect(manager, "right", ElementKind.PE, 1)
@@ -71,7 +71,7 @@ def test_the_managers_own_bus_stays_since_it_has_carried_the_report() -> None:
     manager = flying()
     for by in manager.spec.pes:
         assert suspect(manager, by, ElementKind.BUS, 0)
-    assert set(judged(manager)) == {("bus:can0", "it stays")}
+    assert set(concluded(manager)) == {("bus:can0", "it stays")}
     assert {told["evidence"] for told in manager.of("suspicion")} == {"it has carried the report"}
 
 
@@ -88,7 +88,7 @@ def test_a_bus_stays_while_a_pe_is_heard_that_can_be_reached_over_it_alone() -> 
     manager = with_a_side_bus()
     for by in ("left", "middle"):
         assert suspect(manager, by, ElementKind.BUS, 1)
-    assert set(judged(manager)) == {("bus:side", "it stays")}
+    assert set(concluded(manager)) == {("bus:side", "it stays")}
     assert manager.of("suspicion")[0]["evidence"] == "pe:middle is heard, which can be reached over it alone"
     assert manager.core.status()["latched"] == []
 
@@ -98,5 +98,5 @@ def test_a_bus_beyond_which_all_are_lost_is_not_latched_so_that_they_may_return(
     manager.die("middle")
     manager.pass_time(5 * BEAT_NS)
     suspect(manager, "left", ElementKind.BUS, 1)
-    assert judged(manager) == [("bus:side", "no plan needs it before such a PE is back")]
+    assert concluded(manager) == [("bus:side", "no plan needs it before such a PE is back")]
     assert manager.core.status()["latched"] == []

@@ -70,7 +70,7 @@ def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: 
     assert capsys.readouterr().err == "heronry: no phase is named 'glide'; there is none\n"
 
 
-def test_a_priority_is_set_shown_and_taken_back(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_priority_is_set_shown_and_ended(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["priority", "elevator", "7"]) == 0
     assert main(["status"]) == 0
     printed = capsys.readouterr().out

@@ -9,7 +9,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-from heronry_dg.schema import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN, DemuxForm, SpecForm
+from heronry_dg.field_types import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN
+from heronry_dg.schema import DemuxForm, SpecForm
 
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
 _NAME: Final = f"^{NAME_PATTERN}$"

@@ -1,6 +1,6 @@
 """Which functions have another priority than the spec gives them, and what may change it.
 
-    the operator    any priority of any function. It stands until the operator takes it back
+    the operator    any priority of any function. It stands until the operator ends it
     a module        a priority within the function's `priority_range`: its PE has sent a request (EMCY,
                     PRIORITY_REQUEST). The last request counts
 

@@ -35,7 +35,7 @@ KINDS: Mapping[str, str] = {
     "channel_back": "channel, by: the channel carries frames for that node again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
     "suspicion": "element, by, evidence: a module reports a PE or a bus; what this manager itself knows of it",
-    "suspicion_judged": "element, found: what followed from a suspicion",
+    "suspicion_assessed": "element, found: what followed from a suspicion",
     "unknown_element": "module, by, detail: the module has reported an element that the spec does not have",
     "disagreement": "module, by, detail: two inputs of this module differ, and neither is known to be wrong",
     "agreement": "module, by: this disagreement is over",

@@ -2,7 +2,7 @@
 
     phase NAME       another mission phase, any of the spec's
     priority F N     another priority of function F, 0 to 32767, or `default`: that of the spec. The order stands until
-                     it is taken back, against all requests of modules
+                     the operator ends it, against all requests of modules
     fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. The manager
                      refuses its own bus, and channels, since a plan without a channel would be the same
     clear ELEMENT    the element no longer counts as failed: its latched fault ends, a PE leaves its quarantine, and a

@@ -1,4 +1,4 @@
-"""What modules report of PEs and buses: suspicions, which the manager judges by its own evidence.
+"""What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
 A module sees a device that it drives, or another module whose data it reads; of a PE or a bus it knows only that
 something does not come. So its report of one fails nothing by itself:
@@ -8,7 +8,7 @@ something does not come. So its report of one fails nothing by itself:
              that can be reached over it alone; every bus but the manager's leads to such PEs, since buses form a
              forest. If all of them are lost, the plan does without them already, and they may return
 
-An event tells each suspicion with the evidence (`suspicion`), and one tells what was found (`suspicion_judged`). A PE
+An event tells each suspicion with the evidence (`suspicion`), and one tells what was found (`suspicion_assessed`). A PE
 repeats its report every second while its module sees the fault, so a lost or doubled one changes nothing. A forged one
 costs a PING. A manager that restarts forgets suspicions.
 """
@@ -45,7 +45,7 @@ class Suspicions:
         """Note a state of a PE."""
         if pe in self._asked:
             self._asked.remove(pe)
-            self._judge(f"pe:{pe}", "it answers, and stays")
+            self._conclude(f"pe:{pe}", "it answers, and stays")
 
     def bus(self, bus: str, by: str) -> None:
         """Take a report of a bus."""
@@ -54,13 +54,13 @@ class Suspicions:
             return
         evidence = self._carries(bus)
         self._tell(element, by, evidence or "no PE is heard that can be reached over it alone")
-        self._judge(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
+        self._conclude(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
 
     def beat(self) -> None:
         """Let time pass: a PE that is lost owes no answer, and an old report counts no longer."""
         for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
             self._asked.remove(pe)
-            self._judge(f"pe:{pe}", "it does not answer, and is lost")
+            self._conclude(f"pe:{pe}", "it does not answer, and is lost")
         oldest_ns = self._turn.now_ns - CHANNEL_FORGOTTEN_NS
         self._told_ns = {key: at_ns for key, at_ns in self._told_ns.items() if at_ns > oldest_ns}
 
@@ -81,5 +81,5 @@ class Suspicions:
     def _tell(self, element: str, by: str, evidence: str) -> None:
         self._turn.emit("suspicion", element=element, by=by, evidence=evidence)
 
-    def _judge(self, element: str, found: str) -> None:
-        self._turn.emit("suspicion_judged", element=element, found=found)
+    def _conclude(self, element: str, found: str) -> None:
+        self._turn.emit("suspicion_assessed", element=element, found=found)

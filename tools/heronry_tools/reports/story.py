@@ -46,7 +46,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "second_manager": ("manager {node} is active, too", "bad"),
     "fault_cleared": ("{element} counts as working again, cleared by {by}", "good"),
     "suspicion": ("{element} is suspected by a module on {by}: {evidence}", "quiet"),
-    "suspicion_judged": ("{element} was suspected: {found}", "quiet"),
+    "suspicion_assessed": ("{element} was suspected: {found}", "quiet"),
     "unknown_element": ("module:{module} on {by} reports an element that the spec does not have", "bad"),
     "disagreement": ("two inputs of module:{module} disagree (detail {detail}), reported by {by}", "bad"),
     "agreement": ("the inputs of module:{module} agree again", "good"),

@@ -67,7 +67,7 @@ class BlameCheck(Oracle):
         emergency = decode_emergency(sent.frame.data)
         if isinstance(emergency, Malformed) or emergency.code.name in _REPORTS_NO_FAULT:
             return None, 0
-        if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager judges
+        if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager assesses
             return None, 0
         names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
         return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail

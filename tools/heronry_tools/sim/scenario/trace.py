@@ -30,7 +30,7 @@ _LINES: Mapping[str, str] = {
     "channel_back": "channel {channel} is back, reported by {by}",
     "phase_changed": "phase {phase}, requested by {by}",
     "suspicion": "{element} is suspected by a module on {by}: {evidence}",
-    "suspicion_judged": "{element} was suspected: {found}",
+    "suspicion_assessed": "{element} was suspected: {found}",
     "unknown_element": "module:{module} on {by} reports an element that the spec does not have",
     "disagreement": "two inputs of module:{module} disagree, reported by {by}",
     "agreement": "the inputs of module:{module} agree again",
