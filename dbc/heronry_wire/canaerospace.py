@@ -20,9 +20,10 @@ lists them.
 Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Its priority is not
 that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and a higher priority than
 every 11-bit frame except identifier 0, emergency events included (see `frame.arbitration_key`). This project sends
-11-bit frames only, and decodes 29-bit identifiers to recognise those of other makers.
+and reads 11-bit frames only (docs/limits.md); it counts the 29-bit frames of other makers.
 """
 
+import math
 import struct
 from enum import IntEnum
 from typing import NamedTuple
@@ -33,7 +34,6 @@ from heronry_wire.identifiers import emergency_event_id
 HEADER_BYTES = 4
 MAX_PAYLOAD_BYTES = 4
 _FIRST_USER_TYPE = 100
-_CHANNEL_STEP = 65536
 
 
 class DataType(IntEnum):
@@ -92,6 +92,7 @@ _LAYOUTS = tuple(
     )
 )
 _TYPES = tuple(DataType)
+_INTEGERS = "iIhHbB"  # layouts of one integer
 _IS_TEXT = tuple(layout.format.endswith("s") for layout in _LAYOUTS)
 _RANGES = {
     "": "no value (None)",
@@ -104,6 +105,17 @@ _RANGES = {
     "b": "-128..127",
     "B": "0..255",
 }
+
+
+def value_range(data_type: DataType) -> tuple[float, float]:
+    """Give the least and the greatest value of a type of one number; without end for FLOAT, empty for other types."""
+    layout = _LAYOUTS[data_type].format.removeprefix(">")
+    if layout == "f":
+        return -math.inf, math.inf
+    if layout not in _INTEGERS:
+        return math.inf, -math.inf
+    bits = 8 * _LAYOUTS[data_type].size
+    return (0, (1 << bits) - 1) if layout.isupper() else (-(1 << bits - 1), (1 << bits - 1) - 1)
 
 
 class ErrorReport(NamedTuple):
@@ -275,29 +287,3 @@ def encode_emergency_event(node_id: int, report: ErrorReport, *, service_code: i
     """Give the emergency event frame of a node, under the identifier of the plan; `decode_data` reads it."""
     datum = Datum(node_id, DataType.ERROR, service_code, message_code, report)
     return encode_data(emergency_event_id(node_id), datum)
-
-
-class Redundant(NamedTuple):
-    """The content of a 29-bit CANaerospace identifier: redundancy channel and 11-bit identifier."""
-
-    channel: int  # 0..8191
-    can_id: int
-
-
-def redundant_id(channel: int, can_id: int) -> int:
-    """Give the 29-bit identifier of a redundancy channel [S p.53]; the head of this file explains its priority."""
-    extended_id = _CHANNEL_STEP * channel + can_id
-    if not (0 <= can_id <= STANDARD_MASK and 0 <= extended_id <= EXTENDED_MASK):
-        raise WireError(f"no 29-bit identifier for channel {channel} of {can_id}: use 0..8191 and 0..2047")
-    return extended_id
-
-
-def split_redundant_id(extended_id: int) -> Redundant | Malformed:
-    """Split a 29-bit identifier into redundancy channel and 11-bit identifier.
-
-    Malformed where it is not a CANaerospace one.
-    """
-    channel, can_id = divmod(extended_id, _CHANNEL_STEP)
-    if can_id > STANDARD_MASK:
-        return Malformed(f"29-bit identifier {extended_id:08X} is not a CANaerospace one")
-    return Redundant(channel, can_id)

@@ -61,14 +61,17 @@ class Operation(IntEnum):
     WELCOME = 3  # a, b = upper and lower half of this command's number: the answer to the nonce of one PE
     RENEW = 4  # the PE is to send a fresh nonce: the manager cannot verify its states
     UNLOCK = 5  # a = seconds for which this one PE executes NMT commands and accepts SDO writes
-    HOLDS = 6  # a = element kind, b = element index: its fault is latched, or it is the phase. For a standby manager
+    HOLDS = 6  # a = element kind, b = element index: its fault is latched, or it is the phase. For a standby manager.
+    # A changed priority: a = PRIORITY and, in the high byte, the function; b = the priority, with BY_OPERATOR. CLEAR
+    # with the same a: the function has the priority of the spec again
 
 
 class ElementKind(IntEnum):
     """Kinds of elements in EMCY and CONTROL; the index of an element counts in the spec's order.
 
-    A phase occurs only in requests. For a channel, the index is that of its bus among the buses of the reporting PE,
-    and the detail of the EMCY is the channel's number, from 1.
+    A phase occurs only in requests, and so does a priority: the index in an EMCY is the function (high byte) and the
+    number of the request (low byte), the detail is the priority, or SPECS_PRIORITY. For a channel, the index is that of
+    its bus among the buses of the reporting PE, and the detail of the EMCY is the channel's number, from 1.
     """
 
     PE = 0
@@ -77,6 +80,7 @@ class ElementKind(IntEnum):
     BUS = 3
     PHASE = 4
     CHANNEL = 5
+    PRIORITY = 6
 
 
 class FaultCode(IntEnum):
@@ -90,12 +94,20 @@ class FaultCode(IntEnum):
     MODULE_RESTARTED = 0xFF08  # not yet a fault: a module has failed, and was restarted; the detail counts the restarts
     CHANNEL_LOST = 0xFF09  # not a fault of the PE: this PE hears nothing on a channel of a replicated bus
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
+    DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
+    UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
+    PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 
 
-FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that precedes the present one in the spec
+FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter only a phase to which a rule leads from the present one
 RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: it acknowledges the restart of a module, not its failure
 REQUEST_NUMBERS = 0x8000  # the other bits of that detail number the requests of a PE, modulo this
+PRIORITY_REQUEST_NUMBERS = 0x100  # the requests of a PE for the priority of one function are numbered modulo this
+MOST_PRIORITY = 0x7FFF  # of a changed priority
+MOST_FUNCTIONS = 0x100  # whose priority can be changed: the first ones of the spec
+SPECS_PRIORITY = 0xFFFF  # in a request: the priority of the spec
+BY_OPERATOR = 0x8000  # in b of HOLDS: the operator has set the priority
 
 
 _STEPS = {step.value: step.name for step in Step}

@@ -16,7 +16,7 @@ import re
 import reprlib
 from base64 import b64decode
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -129,6 +129,7 @@ class PhaseEntry:
     above: float | None = None
     below: float | None = None
     hold_ns: int = 0
+    origins: tuple[int, ...] = ()  # indices of the phases from which the rule leads to this one
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,10 @@ class PeTable:
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
     module_names: tuple[str, ...]  # of the whole spec; EMCY uses their indices
+    pe_names: tuple[str, ...] = ()  # of the whole spec, like the next ones
+    bus_names: tuple[str, ...] = ()
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
+    adjustable: dict[str, int] = field(default_factory=dict)  # functions whose priority a module may change: indices
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
     contingencies: str = ""  # contingencies on board (`contingency_block`), in base64
     command_period_ns: int = 0  # period of LEASE: the slowest heartbeat on its way to this PE (0: that of the uplink)

@@ -15,6 +15,7 @@ from typing import Any, Final, Generic, TypeVar
 from pydantic import ValidationError
 
 from heronry_dg import schema, yaml_source
+from heronry_dg.field_types import NAME_PATTERN
 from heronry_dg.findings import Findings, Place, listed, shown
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
@@ -24,7 +25,7 @@ from heronry_dg.yaml_source import Node
 
 F_co = TypeVar("F_co", bound=Form, covariant=True)
 
-_NAME: Final = re.compile(schema.NAME_PATTERN)
+_NAME: Final = re.compile(NAME_PATTERN)
 _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
@@ -301,7 +302,7 @@ def _translated(error: Any) -> tuple[Rule, str, str]:
     )
     bounds = error.get("ctx", {})
     wanted, hint = wanted.format_map(bounds), hint.format_map(bounds)
-    if error["type"] == "string_pattern_mismatch" and error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$":
+    if error["type"] == "string_pattern_mismatch" and error["ctx"]["pattern"] == f"^{NAME_PATTERN}$":
         rule, wanted, hint = rules.BAD_NAME, "a name", _NAME_HINT
     return rule, f"must be {wanted}, not {shown(error['input'])}", hint
 

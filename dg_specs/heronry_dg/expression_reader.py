@@ -15,8 +15,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, TypeGuard
 
-from heronry_dg import cycles, schema, yaml_source
+from heronry_dg import cycles, yaml_source
 from heronry_dg.draft import Draft
+from heronry_dg.field_types import MOST_POINTS
 from heronry_dg.findings import Findings, Place, listed, shown, shown_cycle
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
 from heronry_dg.rules import graph as rules
@@ -27,6 +28,7 @@ MOST_LEAVES_OF_ALL: Final = 100_000
 DEEPEST: Final = 64
 
 _REFERENCE: Final = re.compile(r"(?P<name>[^@\s]+)(?:@(?P<sign><=)?(?P<version>[0-9]{1,3}))?")
+_INPUT_FIELDS: Final = ("var", "worth", "only_in")
 _OPERATORS: Final = ("and", "or", "xor")
 
 
@@ -129,9 +131,9 @@ class ExpressionReader:
         return match
 
     def _input(self, fields: Mapping[str, yaml_source.Entry], below_choice: bool) -> Reading | None:
-        """Read `{var: NAME, worth: [...]}`."""
-        for key in fields.keys() - {"var", "worth"}:
-            hint = self._findings.suggestion(key, ("var", "worth")) or "write {var: NAME, worth: [...]}"
+        """Read `{var: NAME, worth: [...], only_in: [...]}`."""
+        for key in fields.keys() - set(_INPUT_FIELDS):
+            hint = self._findings.suggestion(key, _INPUT_FIELDS) or "write {var: NAME, worth: [...], only_in: [...]}"
             self._findings.add(rules.UNKNOWN_GATE, fields[key].place, f"an input has no field {shown(key)}", hint)
         var, worth = fields["var"].node, fields["worth"].node if "worth" in fields else None
         if not (isinstance(var, yaml_source.Scalar) and isinstance(var.value, str)):
@@ -146,7 +148,29 @@ class ExpressionReader:
                 rules.UNKNOWN_NAME, var.place, "variable", match["name"], self._draft.variables.keys()
             )
             return None
-        return self._leaf(var.place, match, worth, below_choice)
+        reading = self._leaf(var.place, match, worth, below_choice)
+        if "only_in" not in fields or yaml_source.is_nothing(fields["only_in"].node):
+            return reading
+        phases = self._phases(fields["only_in"].node)
+        if reading is None or phases is None or not isinstance(reading.expression, Leaf):
+            return None
+        return replace(reading, expression=replace(reading.expression, only_in=phases))
+
+    def _phases(self, node: Node) -> frozenset[str] | None:
+        """Read the phases of `only_in`; None, and findings, where there is a mistake."""
+        if yaml_source.has_refused(node):
+            return None
+        items = node.items if isinstance(node, yaml_source.Sequence) else []
+        names = [item.value for item in items if isinstance(item, yaml_source.Scalar) and isinstance(item.value, str)]
+        if not items or len(names) < len(items) or len(set(names)) < len(names):
+            sentence = "'only_in' must be a list of one or more different phases"
+            self._findings.add(rules.BAD_EXPRESSION, node.place, sentence, "write only_in: [PHASE]")
+            return None
+        known = self._draft.phases.keys()
+        for item, name in zip(items, names, strict=True):
+            if name not in known:
+                self._findings.unknown(rules.UNKNOWN_NAME, item.place, "phase", name, known)
+        return frozenset(names) if known >= set(names) else None
 
     def _leaf(self, place: Place, match: re.Match[str], worth: Node | None, below_choice: bool) -> Reading | None:
         variable = self._draft.variables[match["name"]].form
@@ -174,7 +198,7 @@ class ExpressionReader:
         if len(points) != len(items) or len(points) not in {accepted, versions}:
             lengths = listed(dict.fromkeys((str(accepted), str(versions))), last="or")
             numbers = "whole number" if lengths == "1" else "whole numbers"
-            sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {schema.MOST_POINTS}"
+            sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {MOST_POINTS}"
             self._findings.add(
                 rules.BAD_WORTH, node.place, sentence, "points for each version that is accepted, best first"
             )
@@ -322,7 +346,7 @@ def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> 
 
 
 def _is_points(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= schema.MOST_POINTS
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_POINTS
 
 
 def _names_in(node: Node) -> Iterator[str]:

@@ -82,9 +82,10 @@ class Findings:
         self._found.setdefault(key, Finding(self._file, place, rule.code, rule.severity, sentence, hint))
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
-        """Add a finding about a name that refers to nothing."""
-        closest = self.closest(name, known)
-        self.unknown_names.setdefault(name, []).append(Use(place, kind, closest))
+        """Add a finding about a name that refers to nothing; once for a place that is read twice."""
+        closest, uses = self.closest(name, known), self.unknown_names.setdefault(name, [])
+        if not any(one.place == place for one in uses):
+            uses.append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 

@@ -27,10 +27,19 @@ class Leaf:
     worst: int
     worth: tuple[int, ...]  # points for a wire to version best, best + 1, ..., worst
     demux: str | None = None  # the DEMUX of which the leaf's module is a branch
+    only_in: frozenset[str] | None = None  # phases in which it may be wired; None: in all
 
     def accepts(self, version: int) -> bool:
         """Tell whether a datum of `version` may be wired here."""
         return self.best <= version <= self.worst
+
+    def is_open_in(self, phase: str | None) -> bool:
+        """Tell whether the leaf may be wired in a phase (None: no phase is meant, so that every leaf is open)."""
+        return self.only_in is None or phase is None or phase in self.only_in
+
+    def closed(self) -> "Leaf":
+        """Give the leaf as it is in a phase in which it is never wired: it accepts no version."""
+        return replace(self, worst=self.best - 1, worth=())
 
     def points(self, version: int) -> int:
         """Points for a wire to `version`, which the leaf must accept."""

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
+from heronry_dg.field_types import DEFAULT_PHASE, NAME_PATTERN
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
 from heronry_dg.misspelt import blame_declarations
@@ -122,7 +123,7 @@ def _spec_of(data: bytes | None, file: str, findings: Findings) -> Spec:
 
 def _name_of(file: str) -> str:
     name = re.sub(r"\W", "_", Path(file).name.removesuffix(SUFFIX), flags=re.ASCII)
-    return name if re.fullmatch(schema.NAME_PATTERN, name) else "spec"
+    return name if re.fullmatch(NAME_PATTERN, name) else "spec"
 
 
 def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
@@ -142,7 +143,7 @@ def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
         shorthands=gates.shorthands,
         modules={name: _module(module, gates) for name, module in draft.modules.items()},
         functions={name: _function(name, form, gates) for name, form in _forms(draft.functions)},
-        phases={name: Phase(name, _when(form.when)) for name, form in _forms(draft.phases)},
+        phases={name: _phase(name, form, list(draft.phases)) for name, form in _forms(draft.phases)},
         separate=tuple(tuple(group) for group in header.separate),
         together=tuple(tuple(group) for group in header.together),
         contingency=Contingency(contingency.faults, _optional_tuple(contingency.phases)),
@@ -231,6 +232,7 @@ def _function(name: str, form: schema.FunctionForm, gates: Gates) -> Function:
         criticality=_by_phase(form.criticality),
         priority=_by_phase(form.priority),
         value=_optional_tuple(form.value),
+        priority_range=form.priority_range,
     )
 
 
@@ -238,13 +240,16 @@ def _plant(name: str, form: schema.PlantForm) -> Plant:
     return Plant(name, tuple(form.moved_by), tuple(form.seen_by), tuple(form.affects), form.criticality)
 
 
-def _when(form: schema.WhenForm | None) -> When | None:
-    return When(form.variable, form.above, form.below, form.hold_ns) if form is not None else None
+def _phase(name: str, form: schema.PhaseForm, order: list[str]) -> Phase:
+    if form.when is None:
+        return Phase(name)
+    rule, origins = form.when, form.when.origins or order[: order.index(name)]
+    return Phase(name, When(rule.variable, rule.above, rule.below, rule.hold_ns, tuple(origins)))
 
 
 def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
     """Convert a map by phase: `default`, which stands for all other phases, becomes the key None."""
-    return {None if phase == schema.DEFAULT_PHASE else phase: value for phase, value in values.items()}
+    return {None if phase == DEFAULT_PHASE else phase: value for phase, value in values.items()}
 
 
 def _optional_tuple(items: list[V] | None) -> tuple[V, ...] | None:

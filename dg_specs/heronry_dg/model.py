@@ -11,11 +11,11 @@ arities, and a DEMUX has at least two branches.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
 
-from heronry_dg.gates import Expression, Leaf, leaves
+from heronry_dg.gates import Expression, Leaf, leaves, with_leaves
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 
 CRITICALITIES = ("A", "B", "C", "D", "E")
@@ -98,6 +98,13 @@ class Mode:
         """Give every input of this mode with its path."""
         return leaves(self.needs)
 
+    def in_phase(self, phase: str | None) -> "Mode":
+        """Give the mode with every input closed that is not to be wired in a phase."""
+        if self.needs is None:
+            return self
+        needs = with_leaves(self.needs, lambda leaf: leaf if leaf.is_open_in(phase) else leaf.closed())
+        return replace(self, needs=needs)
+
 
 @dataclass(frozen=True, slots=True)
 class Module:
@@ -114,6 +121,10 @@ class Module:
     restarts: int = 2
     checkpoint: bool | int | str | None = None
     rate_per_h: Fraction | None = None
+
+    def in_phase(self, phase: str | None) -> "Module":
+        """Give the module with every input closed that is not to be wired in a phase."""
+        return replace(self, modes={name: mode.in_phase(phase) for name, mode in self.modes.items()})
 
     def mode_index(self, mode: str) -> int:
         """Position of a mode; 0 is the best."""
@@ -139,13 +150,17 @@ class Function:
     criticality: Mapping[str | None, Criticality]  # by phase; key None: all other phases
     priority: Mapping[str | None, int]
     value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m for mode i (from 0) of m
+    priority_range: tuple[int, int] | None = None  # within which application code may change the priority; None: never
 
     def criticality_in(self, phase: str | None) -> Criticality:
         """Criticality in a phase."""
         return self.criticality.get(phase, self.criticality[None])
 
     def priority_in(self, phase: str | None) -> int:
-        """Priority in a phase; 0: the function is not wanted."""
+        """Priority in a phase as the spec has it; 0: the function is not wanted.
+
+        `Situation.priority_of` gives the one that holds in flight.
+        """
         return self.priority.get(phase, self.priority[None])
 
     def value_of(self, mode_index: int, mode_count: int) -> int:
@@ -163,6 +178,7 @@ class When:
     above: Fraction | None
     below: Fraction | None
     hold_ns: int
+    origins: tuple[str, ...]  # phases from which the rule leads here (`from`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +232,18 @@ class Spec:
     def initial_phase(self) -> str | None:
         """Name of the phase that is assumed when none is given; None where the spec has no phases."""
         return next(iter(self.phases), None)
+
+    def in_phase(self, phase: str | None) -> "Spec":
+        """Give the spec as a planner sees it in a phase: inputs of other phases (`only_in`) accept nothing.
+
+        The same spec if no input is closed.
+        """
+        closed = {
+            module.name: module.in_phase(phase)
+            for module in self.modules.values()
+            if any(not leaf.is_open_in(phase) for mode in module.modes.values() for _, leaf in mode.leaves())
+        }
+        return replace(self, modules={**self.modules, **closed}) if closed else self
 
     def producers(self, variable: str) -> Iterator[tuple[Module, Mode]]:
         """Give every (module, mode) that gives a variable, in the spec's order."""

@@ -54,19 +54,19 @@ def score(
     spec: Spec, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
     """Compute the objective of a configuration in a situation; without `running` nothing counts as a change."""
-    return score_among(survivors(spec, now), now.phase, configuration, running)
+    return score_among(survivors(spec, now), now, configuration, running)
 
 
 def score_among(
-    left: Survivors, phase: str | None, configuration: Configuration, running: Configuration | Placement | None
+    left: Survivors, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
     """Do what `score` does, for survivors that are already computed."""
     spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
     published = hops(left, configuration)
     return Objective(
-        critical=_critical(phase, [function for function, _ in served]),
-        utility=sum(f.priority_in(phase) * value_of(spec, configuration, f, branch) for f, branch in served),
+        critical=_critical(now, [function for function, _ in served]),
+        utility=sum(now.priority_of(f) * value_of(spec, configuration, f, branch) for f, branch in served),
         inputs=sum(_worths(spec, configuration)),
         changes=changes(placement(configuration), running),
         branches=sum(
@@ -107,12 +107,12 @@ def changes(after: Placement, running: Configuration | Placement | None) -> int:
     return sum(before.get(module) != after.get(module) for module in before.keys() | after.keys())
 
 
-def _critical(phase: str | None, served: list[Function]) -> tuple[int, int, int, int]:
+def _critical(now: Situation, served: list[Function]) -> tuple[int, int, int, int]:
     totals = dict.fromkeys(CRITICAL_CLASSES, 0)
     for function in served:
-        criticality = function.criticality_in(phase)
+        criticality = function.criticality_in(now.phase)
         if criticality in totals:
-            totals[criticality] += function.priority_in(phase)
+            totals[criticality] += now.priority_of(function)
     return totals["A"], totals["B"], totals["C"], totals["D"]
 
 

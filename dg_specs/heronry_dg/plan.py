@@ -4,7 +4,8 @@ The report (`plan_report`: functions, PEs, buses) follows from the other parts, 
 `heronry plan` writes a plan as a JSON file. These functions read such a file:
 
     read_plan            everything, of a plan of this project; objective and report are computed anew
-    read_situation       phase, faults and limits; a missing one is that of a healthy system in the first phase
+    read_situation       phase, faults, limits and changed priorities; a missing one is that of a healthy system in the
+                         first phase, with the priorities of the spec
     read_configuration   only `modules`, since a plan to be verified may come from any planner
     read_running         only `pe` and `mode` of each module: the placement that runs now
 
@@ -93,6 +94,7 @@ class Plan:
             "phase": self.now.phase,
             "down": sorted(self.now.down),
             "limits": {element: _percent(share) for element, share in sorted(self.now.limits.items())},
+            "priorities": dict(sorted(self.now.priorities.items())),
             "objective": _objective_json(self.objective),
             "optimal": self.optimal,
             "levels": [
@@ -248,18 +250,25 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read phase, faults and limits of a plan; a missing one is that of a healthy system in the first phase."""
+    """Read the situation of a plan; what is missing is that of a healthy system in the first phase."""
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):
         raise PlanError(f"phase is {_shown(phase)} and must be a string or null")
     down: list[object] = _field({"down": [], **document}, "down", list, "the plan")
     limits = _object({"limits": {}, **document}, "limits", "the plan")
+    priorities = _object({"priorities": {}, **document}, "priorities", "the plan")
     names = [element for element in down if isinstance(element, str)]
     if len(names) != len(down):
         raise PlanError(f"down is {_shown(down)} and must be a list of strings")
     try:
-        return situation(spec, names, [f"{e}={_field(limits, e, str, 'limits')}" for e in limits], phase)
+        return situation(
+            spec,
+            names,
+            [f"{e}={_field(limits, e, str, 'limits')}" for e in limits],
+            phase,
+            [f"{f}={_field(priorities, f, int, 'priorities')}" for f in priorities],
+        )
     except UnknownElementError as error:
         raise PlanError(str(error)) from None
 

@@ -12,6 +12,7 @@ from typing import Final, TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
+from heronry_dg.field_types import DEFAULT_PHASE
 from heronry_dg.findings import Findings, Place, listed, shown
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
@@ -170,7 +171,7 @@ class _ReferenceRules:
     def phases(self) -> None:
         """Check that phase rules watch a number in one direction, and that the phases to plan for exist."""
         for phase, form in _whole(self._draft.phases):
-            if phase.name == schema.DEFAULT_PHASE:
+            if phase.name == DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
                 hint = "in the maps by phase this name means all other phases"
                 self._findings.add(rules.PHASE_NAMED_DEFAULT, phase.place, sentence, hint)
@@ -228,12 +229,14 @@ class _ReferenceRules:
 
     def _phase_keys(self, function: Element[schema.FunctionForm], field: str, by_phase: Mapping[str, object]) -> None:
         for phase in by_phase:
-            if phase != schema.DEFAULT_PHASE:
+            if phase != DEFAULT_PHASE:
                 place = yaml_source.key_place(_child(function.node, field), phase)
                 self._name(place, "phase", phase, self._draft.phases)
 
     def _when(self, phase: Element[schema.PhaseForm], when: schema.WhenForm) -> None:
         self._name(_value_place(phase, "when", "variable"), "variable", when.variable, self._draft.variables)
+        for index, origin in enumerate(when.origins or ()):
+            self._name(_value_place(phase, "when", "from", index), "phase", origin, self._draft.phases)
         variable = self._draft.variables.get(when.variable)
         if variable is not None and variable.form is not None and variable.form.type in _NOT_NUMERIC:
             sentence = f"'{when.variable}' is no single number, but of type {shown(variable.form.type)}"

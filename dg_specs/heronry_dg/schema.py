@@ -9,124 +9,50 @@ Gate expressions are `Any` here: expression_reader.py reads them from the tree, 
 """
 
 from dataclasses import fields
-from fractions import Fraction
 from functools import cache
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
-    PlainValidator,
-    WithJsonSchema,
     model_validator,
 )
 
-from heronry_dg import quantities
-from heronry_dg.findings import shown
-from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Plant, Variable
-from heronry_dg.quantities import UnfitError
-from heronry_dg.rules import schema as rules
-from heronry_wire.canaerospace import DataType
+from heronry_dg.field_types import (
+    MOST_VERSIONS,
+    NAME_PATTERN,
+    Capacity,
+    Checkpoint,
+    Cpu,
+    CriticalityByPhase,
+    DataTypeName,
+    FailureRate,
+    Memory,
+    Names,
+    Period,
+    Points,
+    PositiveMemory,
+    PrintableText,
+    PriorityByPhase,
+    PriorityRange,
+    Rate,
+    Restarts,
+    Share,
+    Span,
+    Threshold,
+    Version,
+)
+from heronry_dg.model import Bus, Contingency, Criticality, Manager, Module, Pe, Plant, Variable
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
 
-NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier; has no character of ELEMENT=40%
-DEFAULT_PHASE: Final = "default"
 ONLY_MODE: Final = "only"
-MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
-MOST_RESTARTS: Final = 10  # the delay doubles each time
-MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
 _NS_PER_MS: Final = 1_000_000
 
 
 def _default(element: type, field: str) -> Any:
     """Give the default of a field from the model, the only place that defines it."""
     return next(one.default for one in fields(element) if one.name == field)
-
-
-def _number_schema(description: str) -> WithJsonSchema:
-    return WithJsonSchema({"type": "number", "minimum": 0, "description": description})
-
-
-def _by_phase_schema(one: dict[str, Any]) -> WithJsonSchema:
-    by_phase = {"type": "object", "additionalProperties": one, "required": [DEFAULT_PHASE]}
-    return WithJsonSchema({"anyOf": [one, by_phase]})
-
-
-def _different(names: list[str]) -> list[str]:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise UnfitError(rules.LISTED_TWICE, f"names {shown(name)} twice", "remove one of them")
-        seen.add(name)
-    return names
-
-
-def _for_all_phases(value: object) -> object:
-    return value if isinstance(value, dict) else {DEFAULT_PHASE: value}
-
-
-def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
-    if DEFAULT_PHASE not in by_phase:
-        hint = f"add {DEFAULT_PHASE}: what counts in all other phases"
-        raise UnfitError(rules.NO_DEFAULT, f"gives no '{DEFAULT_PHASE}'", hint)
-    return by_phase
-
-
-def _checkpoint(value: object) -> bool | int | str:
-    if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
-        return value
-    sentence = f"must be true, false, a whole number or a name, not {shown(value)}"
-    raise UnfitError(rules.WRONG_TYPE, sentence, "write checkpoint: true")
-
-
-def _optional_number(value: object) -> Fraction | None:
-    return None if value is None else quantities.number(value)
-
-
-_MEMORY_SCHEMA = WithJsonSchema(
-    {
-        "anyOf": [
-            {"type": "integer", "minimum": 0},
-            {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?(KiB|MiB|GiB)$"},
-        ]
-    }
-)
-Cpu = Annotated[int, PlainValidator(quantities.cpu_millis), _number_schema("reference cores, to a thousandth")]
-Capacity = Annotated[
-    int, PlainValidator(quantities.positive_cpu_millis), _number_schema("reference cores, to a thousandth")
-]
-Memory = Annotated[int, PlainValidator(quantities.memory_bytes), _MEMORY_SCHEMA]
-PositiveMemory = Annotated[int, PlainValidator(quantities.positive_memory_bytes), _MEMORY_SCHEMA]
-Rate = Annotated[int, PlainValidator(quantities.rate_mhz), _number_schema("Hz, to a thousandth")]
-Period = Annotated[int, PlainValidator(quantities.period_ns), _number_schema("ms, to a nanosecond")]
-Span = Annotated[int, PlainValidator(quantities.span_ns), _number_schema("ms, to a nanosecond")]
-Share = Annotated[Fraction, PlainValidator(quantities.share), _number_schema("a share, 0 to 1")]
-FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), _number_schema("failures per hour")]
-Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
-Names = Annotated[list[str], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
-Version = Annotated[int, Field(ge=1)]
-Restarts = Annotated[int, Field(ge=0, le=MOST_RESTARTS)]
-Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
-PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
-Checkpoint = Annotated[
-    bool | int | str, PlainValidator(_checkpoint), WithJsonSchema({"type": ["boolean", "integer", "string"]})
-]
-CriticalityByPhase = Annotated[
-    dict[str, Criticality],
-    BeforeValidator(_for_all_phases),
-    AfterValidator(_with_default),
-    _by_phase_schema({"enum": list(CRITICALITIES)}),
-]
-PriorityByPhase = Annotated[
-    dict[str, Points],
-    BeforeValidator(_for_all_phases),
-    AfterValidator(_with_default),
-    _by_phase_schema({"type": "integer", "minimum": 0, "maximum": MOST_POINTS}),
-]
-DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_type in DataType]})]
 
 
 class Form(BaseModel):
@@ -359,6 +285,11 @@ class FunctionForm(Form):
         description="Value of the function per mode of its output, best first; 100 (m - i) / m if left out.",
         examples=[[100, 40]],
     )
+    priority_range: PriorityRange | None = Field(
+        default=None,
+        description="Lowest and highest priority that a module may request in flight; none if left out.",
+        examples=[[0, 100]],
+    )
 
 
 class WhenForm(Form):
@@ -373,6 +304,13 @@ class WhenForm(Form):
         alias="hold_ms",
         description="Time in ms for which the condition must hold without a break.",
         examples=[500],
+    )
+    origins: Names | None = Field(
+        default=None,
+        min_length=1,
+        alias="from",
+        description="Phases from which the rule leads to this one; those listed before it if left out.",
+        examples=[["glide", "landing"]],
     )
 
 

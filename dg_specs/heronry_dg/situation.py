@@ -1,9 +1,12 @@
 """Situations: which elements are down or limited, and what they leave of the system.
 
 An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1).
-A `Situation` is an input (faults, limits, phase), and `Survivors` is computed from it. The devices of a PE that is down
-are out of use, and so are routes over that PE. A PE without a route to the manager's bus cannot be commanded and counts
-as down. If the manager's own bus is down, nothing is left.
+A `Situation` is an input (faults, limits, phase, priorities that differ from the spec's), and `Survivors` is computed
+from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
+manager's bus cannot be commanded and counts as down. If the manager's own bus is down, nothing is left.
+
+A changed priority replaces the spec's in every phase in which that is above 0. A changed priority of 0 makes the
+function unwanted; in a phase that does not want the function, nothing makes it wanted.
 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """
@@ -14,10 +17,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from heronry_dg.model import Module, Spec
+from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
+from heronry_wire.management import MOST_PRIORITY
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
+_PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
@@ -27,18 +32,32 @@ class UnknownElementError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Faults, limited capacities, and the mission phase (None where the spec has no phases)."""
+    """Faults, limited capacities, the mission phase (None where the spec has no phases), and changed priorities."""
 
     down: frozenset[str] = frozenset()
     limits: Mapping[str, Fraction] = field(default_factory=dict)  # "bus:radio" -> share of its capacity, 0..1
     phase: str | None = None
+    priorities: Mapping[str, int] = field(default_factory=dict)  # by function, where application or operator changed it
 
     def __hash__(self) -> int:
-        return hash((self.down, frozenset(self.limits.items()), self.phase))
+        return hash((self.down, frozenset(self.limits.items()), self.phase, frozenset(self.priorities.items())))
+
+    def priority_of(self, function: Function) -> int:
+        """Priority of a function now; 0: the function is not wanted."""
+        of_the_spec = function.priority_in(self.phase)
+        return self.priorities.get(function.name, of_the_spec) if of_the_spec else 0
 
 
-def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), phase: str | None = None) -> Situation:
-    """Make a situation from texts of a user, with limits such as `bus:radio=40%` or `pe:nav=50%`.
+def situation(
+    spec: Spec,
+    down: Iterable[str] = (),
+    limits: Iterable[str] = (),
+    phase: str | None = None,
+    priorities: Iterable[str] = (),
+) -> Situation:
+    """Make a situation from texts of a user: limits such as `bus:radio=40%`, priorities such as `chute=3`.
+
+    The last of several priorities of a function counts.
 
     Raises UnknownElementError for a name that the spec does not have, and for an element that is limited twice.
     """
@@ -48,6 +67,7 @@ def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), 
         down=frozenset(checked_element(spec, element) for element in down),
         limits=_limits(spec, limits),
         phase=phase if phase is not None else spec.initial_phase(),
+        priorities=dict(_priority(spec, text) for text in priorities),
     )
 
 
@@ -87,6 +107,20 @@ def checked_phase(spec: Spec, phase: str) -> str:
     if phase not in spec.phases:
         raise UnknownElementError(_unknown("phase", phase, spec.phases))
     return phase
+
+
+def checked_function(spec: Spec, function: str) -> str:
+    """Return `function` if the spec has it; raises UnknownElementError otherwise."""
+    if function not in spec.functions:
+        raise UnknownElementError(_unknown("function", function, spec.functions))
+    return function
+
+
+def _priority(spec: Spec, text: str) -> tuple[str, int]:
+    match = _PRIORITY.fullmatch(text.strip())
+    if match is None or int(match["priority"]) > MOST_PRIORITY:
+        raise UnknownElementError(f"'{text}' is not a priority; write FUNCTION=N with N from 0 to {MOST_PRIORITY}")
+    return checked_function(spec, match["function"]), int(match["priority"])
 
 
 def _channels(spec: Spec) -> tuple[str, ...]:

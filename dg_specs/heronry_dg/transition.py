@@ -239,7 +239,7 @@ class Transitions:
         runs, wanted = placement(before), placement(after)
         for function, output in serving_modules(self._spec, after):
             served_before = any(one in runs for one in function.outputs)
-            if output is None or not served_before or function.priority_in(now.phase) == 0:
+            if output is None or not served_before or now.priority_of(function) == 0:
                 continue
             behind = _behind(after, output)
             moved = any(runs.get(module) != wanted[module] for module in behind)

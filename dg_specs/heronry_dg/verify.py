@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.cycles import components, shortest_cycle
+from heronry_dg.findings import listed
 from heronry_dg.gates import And, Expression, Leaf, bounds, child_path, holds, leaves, words
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.response_times import ResponseTimes
@@ -170,9 +171,11 @@ def _wires(case: _Case) -> Iterator[Violation]:
             if path not in accepted:
                 yield Violation("2.input", where, f"mode {running.mode} has no such input")
                 continue
-            yield from (
-                Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, accepted[path], wire)
-            )
+            leaf = accepted[path]
+            yield from (Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, leaf, wire))
+            if leaf.only_in is not None and case.now.phase is not None and case.now.phase not in leaf.only_in:
+                only = listed(sorted(leaf.only_in))
+                yield Violation("2.phase", where, f"it is wired in phase {case.now.phase}, and may be only in {only}")
             yield from _route(case, running.pe, wire.producer, where)
 
 
@@ -273,7 +276,7 @@ def _purpose(case: _Case) -> Iterator[Violation]:
     frontier = [
         output
         for function in case.spec.functions.values()
-        if function.priority_in(case.now.phase) > 0
+        if case.now.priority_of(function) > 0
         for output in function.outputs
     ]
     while frontier:

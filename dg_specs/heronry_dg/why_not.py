@@ -10,6 +10,7 @@ in favour of something better; the planner may know which, and passes it as `alo
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from heronry_dg.findings import listed
 from heronry_dg.gates import Expression, Leaf, could_hold
 from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_dg.situation import Situation, Survivors, hosts_when_all_is_up, survivors
@@ -49,6 +50,7 @@ class Feasible:
 def feasible(spec: Spec, now: Situation, left: Survivors | None = None) -> Feasible:
     """Compute what could run in a situation with unlimited resources; `left`: its survivors, where they are known."""
     left = survivors(spec, now) if left is None else left
+    spec = spec.in_phase(now.phase)
     every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
     producers = {variable: list(spec.producers(variable)) for variable in spec.variables}
     found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)}, producers)
@@ -67,7 +69,9 @@ def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -
 
     alone: whether the function could be served if no other were wanted; None: not known.
     """
-    if function.priority_in(found.now.phase) == 0:
+    if found.now.priority_of(function) == 0:
+        if function.priority_in(found.now.phase):
+            return "its priority was changed to 0"
         return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
     manager_bus = found.spec.manager.bus
     if manager_bus not in found.left.bus_mbit_per_s:
@@ -100,6 +104,8 @@ def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bo
     givers: dict[str, list[str]] = {}
     for giver, mode in found.givers(leaf):
         givers.setdefault(giver.name, []).append(mode.name)
+    if not leaf.is_open_in(found.now.phase):
+        return f"reads {leaf.variable} only in phase {listed(sorted(leaf.only_in or ()), 'or')}"
     if not givers:
         return f"needs {_wanted(found, leaf)}, which no module gives"
     shown = list(givers)[: 1 if branched else _NAMED_ALTERNATIVES]

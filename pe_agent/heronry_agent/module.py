@@ -19,6 +19,8 @@ T = TypeVar("T")
 
 Value = int | float | str | bytes | tuple[int, ...]
 
+DISAGREEMENT = "disagreement"  # in the reports of a step, in place of an element
+
 
 class Datum(NamedTuple):
     """One value of a variable as a consumer sees it."""
@@ -111,10 +113,27 @@ class Context(Protocol):
         """
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
+        """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535.
+
+        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager assesses it by its own evidence.
+        """
+
+    def report_disagreement(self, detail: int = 0) -> None:
+        """Tell the manager that two inputs differ, and that neither is known to be wrong; detail is 0..65535.
+
+        No plan changes. Tell it for as long as it lasts; it goes out once a second at most.
+        """
 
     def request_phase(self, phase: str) -> None:
         """Request a mission phase of the spec from the manager; the same request in the next step has no effect."""
+
+    def request_priority(self, function: str, priority: int | None) -> None:
+        """Request another priority of a function from the manager; None: that of the spec.
+
+        The manager refuses a priority outside the function's `priority_range`, and a change while the operator's
+        priority stands. It makes at most one change a second; until then, the last request of several waits. The same
+        request in the next step has no effect. The priority stays when the module stops.
+        """
 
 
 class Module:

@@ -148,6 +148,7 @@ class OnePe(SteppedCore[Event, Action]):
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
         self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step
         self.phases: dict[int, tuple[str, ...]] = {}  # what each module requests in every step
+        self.priorities: dict[int, tuple[tuple[str, int], ...]] = {}  # the same
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
@@ -175,7 +176,8 @@ class OnePe(SteppedCore[Event, Action]):
     def answer(self, module: int, release: int) -> list[Action]:
         writes = (1.5,) if module == SERVO_1 else ()
         reports, phases = self.reports.get(module, ()), self.phases.get(module, ())
-        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, reports, phases, self.spent_ns))
+        priorities, outputs = self.priorities.get(module, ()), self.outputs.get(module, {})
+        return self.give(Stepped(module, release, outputs, writes, reports, phases, self.spent_ns, priorities))
 
     def command(self, *messages: Message, manager: int = MANAGER) -> list[Action]:
         return self.hear(*(command_frame(message, manager) for message in messages))

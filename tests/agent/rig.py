@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from heronry_agent.module import Datum, Inputs, Module, Value
+from heronry_agent.module import DISAGREEMENT, Datum, Inputs, Module, Value
 from heronry_agent.shell.image_catalogues import find_image
 from heronry_dg.gates import Leaf
 from heronry_dg.model import Mode, Spec
@@ -38,6 +38,12 @@ class Host:
     def report_failed(self, element: str, detail: int = 0) -> None:
         assert 0 <= detail <= 0xFFFF
         self.reports.append((element, detail))
+
+    def report_disagreement(self, detail: int = 0) -> None:
+        self.reports.append((DISAGREEMENT, detail))
+
+    def request_priority(self, function: str, priority: int | None) -> None:
+        """A test that uses it has a host of its own."""
 
     def request_phase(self, phase: str) -> None:
         self.phases.append(phase)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.rig import Rig
-from heronry_agent.module import Datum, Inputs
+from heronry_agent.module import DISAGREEMENT, Datum, Inputs
 from heronry_agent.parts.choosers import NVersion
 
 MEDIAN, MAJORITY, FAIL_OVER = "pressure_median", "pressure_majority", "pressure_fail_over"
@@ -34,6 +34,47 @@ def written(rig: Rig, seconds: float, **by_version: float | None) -> object:
     for _ in range(round(seconds * 40)):
         out = rig.module.step(Inputs({str(i): ("angle", datum) for i, datum in enumerate(data)})).get("angle")
     return out
+
+
+# Comparators
+
+
+def compared(rig: Rig, seconds: float, **by_version: float | None) -> object:
+    """Feed versions v1, v2 of the pitch for some time; gives the last output."""
+    out: object = None
+    data = [Datum(value, int(name[1:]), 0) for name, value in by_version.items() if value is not None]
+    for _ in range(round(seconds * 40)):
+        inputs = Inputs({str(i): ("pitch_angle", datum) for i, datum in enumerate(data)})
+        out = rig.module.step(inputs).get("checked_pitch")
+    return out
+
+
+@pytest.mark.parametrize(
+    ("image", "chosen"), [("comparator_better", 9.0), ("comparator_safer", 2.0), ("comparator_none", None)]
+)
+def test_a_comparator_tells_a_drifting_twin_blames_none_and_lets_go_on_what_it_is_made_for(
+    image: str, chosen: float | None
+) -> None:
+    rig = Rig(image)
+    assert compared(rig, 0.9, v1=9.0, v2=2.0) == 9.0  # it has to last
+    assert rig.host.reports == []
+    assert compared(rig, 0.2, v1=9.0, v2=2.0) == chosen
+    assert rig.host.reports == [(DISAGREEMENT, 140)]
+    compared(rig, 2.0, v1=9.0, v2=2.0)
+    assert set(rig.host.reports) == {(DISAGREEMENT, 140)}
+    assert compared(rig, 0.9, v1=6.0, v2=2.0) == (None if chosen is None else 6.0 if chosen == 9.0 else 2.0)
+    assert compared(rig, 0.2, v1=6.0, v2=2.0) == 6.0
+    assert len(rig.host.reports) == 3
+
+
+@pytest.mark.parametrize("image", ["comparator_better", "comparator_safer", "comparator_none"])
+def test_a_comparator_with_one_version_gives_that_and_compares_nothing(image: str) -> None:
+    rig = Rig(image)
+    assert compared(rig, 3.0, v1=9.0) == 9.0
+    assert compared(rig, 3.0, v2=2.0) == 2.0
+    assert compared(rig, 3.0, v1=math.nan, v2=2.0) == 2.0
+    assert compared(rig, 1.0) is None
+    assert rig.host.reports == []
 
 
 # Voters

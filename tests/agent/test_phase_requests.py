@@ -106,6 +106,61 @@ def test_a_module_that_stops_withdraws_only_its_own_request() -> None:
     assert MONITOR not in pe.running
 
 
+# Rules that lead back
+
+
+LOW, HIGH = range(2)
+THERE_AND_BACK = replace(
+    TABLE,
+    phases=(
+        PhaseEntry("low", "demand", below=1.5, hold_ns=100 * MS, origins=(HIGH,)),
+        PhaseEntry("high", "demand", above=1.5, hold_ns=100 * MS, origins=(LOW,)),
+    ),
+)
+
+
+def high_and_low() -> OnePe:
+    """A PE whose rule for the high phase has fired, in the low phase."""
+    pe = OnePe(THERE_AND_BACK)
+    pe.outputs[CONTROL] = {"demand": 0.0}
+    pe.configure(FLYING, 7)
+    tell(pe, LOW)
+    give(pe, 0.0, 200 * MS)
+    assert (HIGH, FORWARD_ONLY | 2) in give(pe, 3.0, 200 * MS)
+    return pe
+
+
+def tell(pe: OnePe, phase: int) -> list[tuple[int, int]]:
+    """The manager tells the phase; gives the requests that follow."""
+    return requests(pe.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase)))
+
+
+def test_a_rule_fires_again_when_its_origin_begins_while_its_condition_holds() -> None:
+    pe = high_and_low()
+    heard(pe, FORWARD_ONLY | 2)
+    assert tell(pe, HIGH) == []
+    assert tell(pe, LOW) == [(HIGH, FORWARD_ONLY | 3)]
+    assert tell(pe, LOW) == []  # the same phase, in its turn
+
+
+def test_a_rule_whose_condition_holds_no_more_does_not_fire_again() -> None:
+    pe = high_and_low()
+    tell(pe, HIGH)
+    assert (LOW, FORWARD_ONLY | 3) in give(pe, 0.0, 300 * MS)
+    assert tell(pe, LOW) == []
+
+
+def test_where_a_rule_leads_back_no_rule_repeats_in_a_new_term_what_is_over() -> None:
+    pe = high_and_low()
+    heard(pe, FORWARD_ONLY | 2)
+    assert requests(pe.command(Control(2, NODE, Operation.RENEW))) == [(HIGH, FORWARD_ONLY | 2)]
+    heard(pe, FORWARD_ONLY | 2)
+    pe.command(Control(2, NODE, Operation.ACKNOWLEDGE, ElementKind.PHASE, FORWARD_ONLY | 2))
+    pe.outputs[CONTROL] = {"demand": 1.5}  # neither above nor below
+    pe.pass_time(300 * MS)
+    assert requests(pe.command(Control(3, NODE, Operation.RENEW))) == []
+
+
 @given(st.lists(st.tuples(st.floats(0, 4), st.integers(1, 400)), max_size=20))
 def test_whatever_is_given_a_rule_asks_only_for_what_held(values: list[tuple[float, int]]) -> None:
     pe = flying(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}))

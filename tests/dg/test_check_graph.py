@@ -86,3 +86,26 @@ def test_a_phase_that_watches_a_variable_without_a_giver_is_an_error() -> None:
     fragment = "variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     said = told(f"{fragment}phases: {{climb: {{}}, cruise: {{when: {{variable: height, above: 3}}}}}}\n")
     assert said == ["DG230: phase 'cruise' watches 'height', which no module gives"]
+
+
+def phases(cruise: str, functions: str = "{showing: {output: display}}") -> list[str]:
+    return told(f"functions: {functions}\nphases: {{climb: {{}}, cruise: {{when: {cruise}}}, land: {{}}}}\n")
+
+
+def test_a_rule_that_can_never_fire_is_an_error() -> None:
+    why = "DG246: the rule of phase 'cruise' never fires: "
+    assert phases("{variable: speed, above: 3, from: [cruise]}") == [f"{why}it leads here from no other phase"]
+    unwanted = "{showing: {output: display, priority: {default: 1, climb: 0}}}"
+    where = "in climb no module that gives 'speed' serves a wanted function"
+    assert phases("{variable: speed, above: 3}", unwanted) == [why + where]
+    assert phases("{variable: speed, above: 3, from: [climb, land]}", unwanted) == []
+
+
+def test_a_threshold_at_the_end_of_the_variables_range_is_never_crossed() -> None:
+    for kind, never, sometimes in (("UCHAR", "above: 255", "above: 254"), ("SHORT", "below: -32768", "below: -32767")):
+        for rule, codes in ((never, ["DG246"]), (sometimes, [])):
+            said = told(
+                f"variables:\n  speed: {{type: {kind}}}\n"
+                f"phases: {{climb: {{}}, cruise: {{when: {{variable: speed, {rule}}}}}}}\n"
+            )
+            assert [line[:5] for line in said] == codes

@@ -120,8 +120,12 @@ modules:
       worst: {{gives: {{altitude: 2}}, cpu: 0, ram: 0, rate_hz: 0.001}}
   n: {{needs: altitude, {RUNS}}}
 functions:
-  f: {{output: m, criticality: {{default: C, land: A}}, priority: {{climb: 0, default: 7}}, value: [9, 4]}}
-phases: {{climb: , land: {{when: {{variable: altitude, below: 99.5, hold_ms: 500}}}}}}
+  f: {{output: m, criticality: {{default: C, land: A}}, priority: {{climb: 0, default: 7}}, value: [9, 4],
+       priority_range: [0, 9]}}
+phases:
+  climb:
+  land: {{when: {{variable: altitude, below: 99.5, hold_ms: 500}}}}
+  abort: {{when: {{variable: altitude, above: 9, from: [land, abort]}}}}
 separate: [[m, n]]
 together: [[n, m]]
 contingency: {{faults: 3, phases: [land]}}
@@ -153,8 +157,9 @@ contingency: {{faults: 3, phases: [land]}}
     function = spec.functions["f"]
     assert (function.criticality_in("land"), function.criticality_in("climb")) == ("A", "C")
     assert (function.priority_in("land"), function.priority_in("climb")) == (7, 0)
-    assert function.value == (9, 4)
-    assert spec.phases["land"].when == When("altitude", None, Fraction(199, 2), 500_000_000)
+    assert (function.value, function.priority_range) == ((9, 4), (0, 9))
+    assert spec.phases["land"].when == When("altitude", None, Fraction(199, 2), 500_000_000, ("climb",))
+    assert spec.phases["abort"].when == When("altitude", Fraction(9), None, 0, ("land", "abort"))
     assert (spec.separate, spec.together) == ((("m", "n"),), (("n", "m"),))
     assert spec.contingency == Contingency(3, ("land",))
 

@@ -44,7 +44,8 @@ CHUTE = Configuration(
 
 
 def chute_plan() -> Plan:
-    now = situation(FIGURE_3, ["device:gps", "pe:tail_pe"], ["bus:can0=40%", "pe:sensor_pe=12.5%"])
+    down, limits = ["device:gps", "pe:tail_pe"], ["bus:can0=40%", "pe:sensor_pe=12.5%"]
+    now = situation(FIGURE_3, down, limits, priorities=["elevator=7"])
     return make_plan(FIGURE_3, now, CHUTE, score(FIGURE_3, now, CHUTE, {}), optimal=False, reasons={"elevator": "why."})
 
 
@@ -62,6 +63,7 @@ def test_the_file_has_exactly_this_shape() -> None:
         "phase": None,
         "down": ["device:gps", "pe:tail_pe"],
         "limits": {"bus:can0": "40%", "pe:sensor_pe": "12.5%"},
+        "priorities": {"elevator": 7},
         "objective": {
             "critical": {"A": 0, "B": 80, "C": 0, "D": 0},
             "utility": 8000,
@@ -263,6 +265,8 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
         (("down",), [1], "down is [1] and must be a list of strings"),
         (("limits", "bus:can0"), 0.4, "limits: 'bus:can0' is 0.4 and must be a string"),
         (("limits", "bus:can0"), "much", "'bus:can0=much' is not a limit"),
+        (("priorities", "elevator"), "7", "priorities: 'elevator' is \"7\" and must be an integer"),
+        (("priorities", "elevator"), -7, "'elevator=-7' is not a priority; write FUNCTION=N with N from 0 to 32767"),
         (("optimal",), "yes", "the plan: 'optimal' is \"yes\" and must be true or false"),
         (("objective", "utility"), 9000, "objective does not fit the plan's configuration"),
         (("modules", "chute_logic", "mode"), "fast", "modules.chute_logic.mode: the module has no mode 'fast'"),

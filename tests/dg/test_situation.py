@@ -4,7 +4,8 @@ from fractions import Fraction
 
 import pytest
 
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
+from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, Survivors, UnknownElementError, elements, situation, survivors
 
 # A chain: nose, bus `can0`, mid, bus `can1` (doubled), tail, wireless bus `radio`, ground.
@@ -90,6 +91,23 @@ def test_capacity_shrinks_cpu_to_a_whole_thousandth_and_buses_to_a_thousandth_of
 def test_the_first_phase_counts_when_none_is_asked_for() -> None:
     assert situation(FLEET) == Situation(phase="climb")
     assert situation(FLEET, phase="glide").phase == "glide"
+
+
+def test_a_changed_priority_counts_where_the_function_is_wanted() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    release, chute = spec.functions["balloon_release"], spec.functions["parachute"]
+    ascent = situation(spec, phase="ascent", priorities=["balloon_release=3", "balloon_release=4"])
+    glide = situation(spec, phase="glide", priorities=["balloon_release=4"])
+    assert (ascent.priority_of(release), glide.priority_of(release)) == (4, 0)
+    assert ascent.priority_of(chute) == chute.priority_in("ascent")
+    assert situation(spec, priorities=["parachute=0"]).priority_of(chute) == 0
+    assert len({ascent, situation(spec, phase="ascent"), glide}) == 3
+
+
+@pytest.mark.parametrize("text", ["parachute", "parachute=", "parachute=-1", "parachute=32768", "parachute=1.5", "x=1"])
+def test_a_priority_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UnknownElementError, match=r"is not a priority; write FUNCTION=N|no function is named 'x'"):
+        situation(load(shipped_spec_path("big_blue")), priorities=[text])
 
 
 def test_everything_that_can_be_down_is_a_known_element() -> None:

@@ -184,10 +184,12 @@ def test_requests_and_answers_are_read_back_as_they_were_written(spec: Spec) -> 
         b"[]",
         b"\xff",
         b'{"request": 1}',
-        b'{"request": 1, "down": ["pe:x"], "limits": {}, "phase": null, "running": null}',
-        b'{"request": 1, "down": [], "limits": {"bus:can0": "a"}, "phase": null, "running": null}',
-        b'{"request": 1, "down": [], "limits": {}, "phase": "x", "running": null}',
-        b'{"request": 1, "down": [], "limits": {}, "phase": null, "running": {"gps_driver": "only"}}',
+        b'{"request": 1, "down": ["pe:x"], "limits": {}, "phase": null, "priorities": {}, "running": null}',
+        b'{"request": 1, "down": [], "limits": {"bus:can0": "a"}, "phase": null, "priorities": {}, "running": null}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": "x", "priorities": {}, "running": null}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": null, "priorities": {}, "running": {"gps_driver": "only"}}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": null, "priorities": {"elevator": "9"}, "running": null}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": null, "priorities": {"x": 9}, "running": null}',
     ],
 )
 def test_a_line_that_is_no_request_is_refused(spec: Spec, line: bytes) -> None:

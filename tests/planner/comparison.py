@@ -22,7 +22,14 @@ from heronry_dg.traffic import hops
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
 from planner.enumerator import Enumerator, TooManyError
-from planner.random_specs import Case, random_case, random_running, random_situation
+from planner.random_specs import (
+    Case,
+    plain_case,
+    random_case,
+    random_running,
+    random_situation,
+    with_phase_inputs_and_priorities,
+)
 
 MOST_STRUCTURES = 20_000  # of a case, or it is left out
 MUST_APPEAR = (
@@ -40,6 +47,9 @@ MUST_APPEAR = (
     "phase",
     "limit",
     "fault",
+    "priority changed",
+    "priority changed to 0",
+    "closed input",
     "something unserved",
     "binding cpu",
     "binding ram",
@@ -54,7 +64,7 @@ MUST_APPEAR = (
 
 def crossing_case(rng: random.Random, *, modules: int = 6) -> Case:
     """Draw a case as `random_case` does, but on a chain of slow buses with modules bound to its ends."""
-    drawn = random_case(rng, modules=modules)
+    drawn = plain_case(rng, modules=modules)
     length = rng.choice((2, 2, 3))
     buses = {
         name: Bus(
@@ -84,7 +94,7 @@ def crossing_case(rng: random.Random, *, modules: int = 6) -> Case:
         drawn.spec, buses=buses, manager=Manager("b0"), pes=pes, devices={}, modules=pinned, functions=wanted
     )
     now = random_situation(rng, spec) if rng.random() < 0.3 else Situation(phase=spec.initial_phase())
-    return Case(spec, now, random_running(rng, spec))
+    return with_phase_inputs_and_priorities(rng, Case(spec, now, random_running(rng, spec)))
 
 
 def compare(case: Case) -> tuple[str | None, set[str]]:
@@ -118,7 +128,7 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
     feeds = {(consumer, wire.producer) for consumer, _, wire in configuration.wires()}
     yield from ("feedback" for a, b in feeds if (b, a) in feeds)
     yield from ("gateway crossed" for hop in hops(survivors(case.spec, case.now), configuration) if hop.after)
-    wanted = [f for f in case.spec.functions.values() if f.priority_in(case.now.phase)]
+    wanted = [f for f in case.spec.functions.values() if case.now.priority_of(f)]
     kept = {name: (r.mode, r.pe) for name, r in configuration.modules.items()}.items() & (case.running or {}).items()
     shown = {
         "changes": found.objective.changes > 0,
@@ -126,6 +136,13 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "phase": case.now.phase != case.spec.initial_phase(),
         "limit": bool(case.now.limits),
         "fault": bool(case.now.down),
+        "priority changed": any(case.now.priorities.values()),
+        "closed input": any(
+            leaf.only_in is not None and case.now.phase not in leaf.only_in
+            for name in configuration.modules
+            for _, leaf in configuration.mode(case.spec, name).leaves()
+        ),
+        "priority changed to 0": 0 in case.now.priorities.values(),
         "something unserved": any(not found.functions[function.name].served for function in wanted),
     }
     yield from (word for word, holds_here in shown.items() if holds_here)

@@ -21,7 +21,7 @@ from functools import cached_property
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
-from heronry_dg.model import Mode, Module, Spec
+from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_dg.situation import Situation
 from heronry_wire.timing import Message, analyse
 
@@ -112,8 +112,13 @@ class Enumerator:
     @cached_property
     def outputs(self) -> list[str]:
         """Output modules of the functions that are wanted."""
-        wanted = [f for f in self.spec.functions.values() if f.priority_in(self.now.phase) > 0]
+        wanted = [f for f in self.spec.functions.values() if self._weight(f) > 0]
         return list(dict.fromkeys(name for function in wanted for name in function.outputs))
+
+    def _weight(self, function: Function) -> int:
+        """Priority of a function: a changed one replaces only one that is above 0 (section 5)."""
+        weight = function.priority.get(self.now.phase, function.priority[None])
+        return self.now.priorities[function.name] if weight > 0 and function.name in self.now.priorities else weight
 
     def structures(self) -> Iterator[Structure]:
         """Every structure that is legal but for its placement, each once."""
@@ -150,6 +155,8 @@ class Enumerator:
             return
         first, *rest = paths
         leaf = leaf_of[first]
+        if leaf.only_in is not None and self.now.phase is not None and self.now.phase not in leaf.only_in:
+            return
         for producer in self._modules:
             for mode in producer.modes.values():
                 version = mode.gives.get(leaf.variable, 0)
@@ -188,7 +195,7 @@ class Enumerator:
                     modes = list(self.spec.modules[name].modes)
                     index, count = modes.index(structure.modes[name].name), len(modes)
                     value = function.value[index] if function.value else 100 * (count - index) // count
-                    weight = function.priority.get(self.now.phase, function.priority[None])
+                    weight = self._weight(function)
                     totals[function.criticality.get(self.now.phase, function.criticality[None])] += weight
                     utility += weight * value
         points = 0

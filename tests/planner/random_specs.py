@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import get_args
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds, with_leaves
 from heronry_dg.model import (
     Bus,
     Criticality,
@@ -44,8 +44,19 @@ class Case:
 
 def random_case(rng: random.Random, *, modules: int = 7) -> Case:
     """Draw a spec of 3 to `modules` modules, a situation, and a running placement."""
+    return with_phase_inputs_and_priorities(rng, plain_case(rng, modules=modules))
+
+
+def plain_case(rng: random.Random, *, modules: int = 7) -> Case:
+    """Draw a case in which every input is open in every phase, and no priority is changed."""
     spec = random_spec(rng, modules=modules)
     return Case(spec, random_situation(rng, spec), random_running(rng, spec))
+
+
+def with_phase_inputs_and_priorities(rng: random.Random, case: Case) -> Case:
+    """Let some inputs be open in some phases only, and change some priorities."""
+    spec = with_phase_inputs(rng, case.spec)
+    return Case(spec, replace(case.now, priorities=random_priorities(rng, spec)), case.running)
 
 
 def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
@@ -347,6 +358,31 @@ def random_situation(rng: random.Random, spec: Spec) -> Situation:
     return Situation(frozenset(down), limits, rng.choice(list(spec.phases)) if spec.phases else None)
 
 
+def with_phase_inputs(rng: random.Random, spec: Spec) -> Spec:
+    """Let some inputs of a spec with phases be wired in some phases only."""
+    if not spec.phases or rng.random() < 0.5:
+        return spec
+
+    def changed(leaf: Leaf) -> Leaf:
+        if leaf.demux is not None or rng.random() < 0.7:
+            return leaf
+        return replace(leaf, only_in=frozenset(rng.sample(list(spec.phases), rng.randint(1, len(spec.phases)))))
+
+    modules = {}
+    for name, module in spec.modules.items():
+        needs = {mode.name: mode.needs and with_leaves(mode.needs, changed) for mode in module.modes.values()}
+        modes = {mode.name: replace(mode, needs=needs[mode.name]) for mode in module.modes.values()}
+        modules[name] = replace(module, modes=modes)
+    return replace(spec, modules=modules)
+
+
+def random_priorities(rng: random.Random, spec: Spec) -> dict[str, int]:
+    """Draw priorities that were changed in flight: mostly none."""
+    if rng.random() < 0.7:
+        return {}
+    return {name: rng.choice((0, 1, 2, 4, 300)) for name in spec.functions if rng.random() < 0.5}
+
+
 def random_running(rng: random.Random, spec: Spec) -> dict[str, tuple[str, str]] | None:
     """Draw what runs: any modules anywhere, as after a fault, or nothing known."""
     if rng.random() < 0.4:
@@ -393,6 +429,8 @@ def features(case: Case) -> dict[str, bool]:
         "shared output": len({f.output for f in spec.functions.values()}) < len(spec.functions),
         "limit": bool(now.limits),
         "faults": bool(now.down),
+        "changed priority": bool(now.priorities),
+        "only in": any(leaf.only_in is not None for mode in every_mode for _, leaf in mode.leaves()),
         "running": case.running is not None,
         "feeds itself": any(leaf.variable in mode.gives for mode in every_mode for _, leaf in mode.leaves()),
     }

@@ -90,12 +90,12 @@ def test_a_rule_is_watched_where_its_variable_is_made() -> None:
     assert simulation.settle() == []
 
 
-def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None:
+def test_what_the_operator_turns_back_is_led_forward_again_while_the_condition_of_the_rule_holds() -> None:
     simulation = flying(RISING)
     simulation.run_for(2_600 * MS)
     say(simulation, EnterPhase("climb"))
     simulation.run_for(2_000 * MS)
-    assert simulation.checks.phase == "climb"
+    assert simulation.checks.phase == "land"
     assert simulation.settle() == []
 
 

@@ -1,10 +1,14 @@
 """`heronry campaign`: the functions that survive, requirements for CI, and a page that needs no other file."""
 
 import io
+import itertools
 import json
+import math
 import re
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -148,13 +152,45 @@ def test_likelihoods_are_products_and_sums_of_rates() -> None:
     flight, nav, screen = "pe:flight", "pe:nav", "module:telemetry"
     assert rate_of(BIG_BLUE, "channel:can0.1") is None
     assert rate_of(BIG_BLUE, "bus:radio") is not None
-    found = likelihood(BIG_BLUE, [frozenset({flight, nav}), frozenset({"device:gps"})])
+    rated = Scope((flight, nav, "device:gps"), 2, (None,))
+    found = likelihood(BIG_BLUE, [frozenset({flight, nav}), frozenset({"device:gps"})], rated)
     assert found is not None
-    assert found.complete
-    assert found.per_h == pytest.approx(0.0002**2 + 0.001)
-    assert likelihood(BIG_BLUE, [frozenset({flight}), frozenset({screen})]) == Likelihood(0.0002, complete=False)
-    assert likelihood(BIG_BLUE, [frozenset({flight, screen})]) is None
-    assert str(Likelihood(0.002, complete=False)) == "at least 2.0e-03 per hour"
+    assert found.per_h == pytest.approx(0.0002**2 + 0.001, rel=1e-3)
+    assert found.at_most_per_h == pytest.approx(0.0002**2 + 0.001, rel=1e-5)
+    assert found.per_h < 0.0002**2 + 0.001 < found.at_most_per_h
+    scope = Scope((flight, screen), 2, (None,))
+    some = likelihood(BIG_BLUE, [frozenset({flight}), frozenset({screen})], scope)
+    assert some is not None
+    assert (some.per_h, some.at_most_per_h, some.complete) == (pytest.approx(0.0002, rel=1e-3), None, False)
+    assert likelihood(BIG_BLUE, [frozenset({flight, screen})], scope) is None
+    assert str(Likelihood(0.002, None)) == "at least 2.0e-03 per hour"
+    assert str(Likelihood(0.002, 0.00201)) == "2.0e-03 per hour"
+    assert str(Likelihood(0.002, 0.01)) == "2.0e-03 to 1.0e-02 per hour"
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_bounds_of_a_likelihood_hold_whatever_order_the_sets_are_cut_off_at(order: int) -> None:
+    rates = {"pe:flight": 0.1, "pe:nav": 0.1, "pe:air": 0.05}
+    pes = {
+        name: replace(BIG_BLUE.pes[name], rate_per_h=Fraction(str(rates[f"pe:{name}"])))
+        for name in ("flight", "nav", "air")
+    }
+    spec = replace(BIG_BLUE, pes={**BIG_BLUE.pes, **pes})
+    cuts = [frozenset({"pe:air"}), frozenset({"pe:flight", "pe:nav"}), frozenset({"pe:air", "pe:nav"})]
+    chances = {name: 1 - math.exp(-rate) for name, rate in rates.items()}
+    lost = [
+        math.prod(chances[name] if name in down else 1 - chances[name] for name in rates)
+        for size in range(4)
+        for down in map(frozenset, itertools.combinations(rates, size))
+        if any(cut <= down for cut in cuts)
+    ]
+    found = likelihood(spec, [cut for cut in cuts if len(cut) <= order], Scope(tuple(rates), order, (None,)))
+    if order == 0:
+        assert found is None
+        return
+    assert found is not None
+    assert found.at_most_per_h is not None
+    assert found.per_h <= sum(lost) <= found.at_most_per_h
 
 
 def test_a_long_list_is_cut_short_and_missing_proofs_are_reported() -> None:

@@ -20,7 +20,7 @@ from heronry_tools.command_table import COMMANDS, GROUPS, HELP
 from heronry_wire.command_parser import CommandParser
 
 TEACHING = [name for name in COMMANDS if name != HELP]
-ORDERS = ("phase", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
+ORDERS = ("phase", "priority", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
 STREAMS = ("demo", "manager")  # they print until they are ended; a shell's > keeps that
 FORMATS = ("render", "schema", "table", "dbc", "eds")  # what they write is for programs already
 WIRES = ("softbus",)  # it carries frames, and has no answer to anything
@@ -264,6 +264,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "traceback": ["traceback", "--of", "nosuch", "module:autopilot"],
     "clear": ["clear", "--of", "nosuch", "pe:nav"],
     "phase": ["phase", "--of", "nosuch", "glide"],
+    "priority": ["priority", "--of", "nosuch", "imaging", "7"],
     "unlock": ["unlock", "--of", "nosuch", "pe:nav"],
 }
 NAMES_NOTHING = ("rules", "schema", "eds")

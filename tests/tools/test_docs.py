@@ -102,7 +102,7 @@ RULES = [
     Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus\b.*", How.RUN),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
-        r"heronry (status|phase|fail|clear|unlock|traceback)\b.*",
+        r"heronry (status|phase|priority|fail|clear|unlock|traceback)\b.*",
         How.EXEMPT,
         "tests/live/test_operator.py gives it to a manager",
     ),

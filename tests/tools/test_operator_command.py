@@ -70,6 +70,19 @@ def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: 
     assert capsys.readouterr().err == "heronry: no phase is named 'glide'; there is none\n"
 
 
+def test_a_priority_is_set_shown_and_ended(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["priority", "elevator", "7"]) == 0
+    assert main(["status"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("the priority of elevator is 7 from now on; a plan for it is on its way\n")
+    assert "! elevator has priority 7, set by the operator\n" in printed
+    assert main(["priority", "elevator", "default"]) == 0
+    assert "the priority of elevator is that of the spec from now on" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["priority", "elevator", "-3"])
+    assert "-3 is no priority; write a whole number from 0, or default" in capsys.readouterr().err
+
+
 def test_the_status_is_for_people_or_for_programs(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status"]) == 0
     assert capsys.readouterr().out.startswith("two_tails: manager 126 is active")

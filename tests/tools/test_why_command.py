@@ -16,6 +16,7 @@ from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements, situation
 from heronry_manager.planner.exact import plan
+from heronry_manager.planner.explain import explained as with_reasons
 from heronry_tools.analysis.check.servable import Answer, Planning
 from heronry_tools.analysis.why.assumptions import (
     Assumption,
@@ -49,6 +50,13 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def explained(spec: Spec, function: str, *down: str) -> Explanation:
     return explain(spec, situation(spec, down), spec.functions[function])
+
+
+def test_it_gives_the_reason_that_a_plan_gives() -> None:
+    small = replace(CHUTE, pes={name: replace(pe, cpu_millis=60) for name, pe in CHUTE.pes.items()})
+    said = explained(small, "elevator").report.why_not
+    assert said == with_reasons(small, plan(small, Situation())).functions["elevator"].why_not
+    assert said == "the PEs and buses that are up cannot fit it, even alone"
 
 
 def mended(spec: Spec, found: Explanation) -> list[tuple[Spec, Situation]]:

@@ -13,7 +13,6 @@ from heronry_wire.canaerospace import (
     DataType,
     Datum,
     ErrorReport,
-    Redundant,
     Status,
     Validity,
     Value,
@@ -22,9 +21,7 @@ from heronry_wire.canaerospace import (
     encode_emergency_event,
     join_double,
     pack_status,
-    redundant_id,
     split_double,
-    split_redundant_id,
     unpack_status,
 )
 from heronry_wire.frame import Frame, Malformed, WireError
@@ -259,16 +256,6 @@ def test_other_codes_in_byte_2_are_malformed() -> None:
     for version in (0, 16):
         with pytest.raises(WireError, match="1 to 15 versions"):
             pack_status(Status(version, Validity.VALID))
-
-
-def test_redundancy_channels_have_the_identifiers_of_the_specification() -> None:
-    assert [redundant_id(channel, 304) for channel in range(4)] == [304, 65840, 131376, 196912]
-    assert split_redundant_id(65840) == Redundant(1, 304)
-    assert split_redundant_id(3672019) == Redundant(56, 2003)
-    assert isinstance(split_redundant_id(65536 + 2048), Malformed)
-    for channel, can_id in ((0, 2048), (8192, 0), (-1, 0)):
-        with pytest.raises(WireError, match="no 29-bit identifier"):
-            redundant_id(channel, can_id)
 
 
 def test_the_bytes_are_those_of_struct() -> None:

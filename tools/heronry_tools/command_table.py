@@ -65,6 +65,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     "fly": (
         Command("manager", "run the system manager on a bus"),
         Command("phase", "the operator's order: enter another mission phase", "operator"),
+        Command("priority", "the operator's order: another priority of a function", "operator"),
         Command("fail", "the operator's order: plan without an element", "operator"),
         Command("clear", "the operator's order: an element works again", "operator"),
         Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),

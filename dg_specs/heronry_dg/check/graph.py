@@ -20,8 +20,9 @@ from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import And, Expression, Leaf, bounds
-from heronry_dg.model import Function, Module, Spec
+from heronry_dg.model import Function, Module, Spec, When
 from heronry_dg.rules import graph as rules
+from heronry_wire.canaerospace import DataType, value_range
 
 _Datum = tuple[str, int]  # variable, version
 _Accepted = tuple[str, int, int]  # variable, best and worst version
@@ -33,6 +34,7 @@ def check(subject: Subject, findings: Findings) -> None:
     wiring = _Wiring(subject.spec)
     _inputs(subject, wiring, findings)
     _watched(subject, wiring, findings)
+    _never_firing(subject, wiring, findings)
     _needs(subject, wiring, findings)
     _unused_variables(subject, findings)
     _unused_gates(subject, findings)
@@ -137,6 +139,38 @@ def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
             sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
             place = subject.place("phases", phase.name, "when", "variable")
             findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give it")
+
+
+def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    """Find rules of phases that can never fire, though some module gives their variable."""
+    for phase in subject.spec.phases.values():
+        if phase.when is None or phase.when.variable not in wiring.givers:
+            continue
+        cause = _why_it_never_fires(subject.spec, wiring, phase.name, phase.when)
+        if cause is not None:
+            sentence, hint = cause
+            place = subject.place("phases", phase.name, "when")
+            findings.add(rules.NEVER_FIRES, place, f"the rule of phase '{phase.name}' never fires: {sentence}", hint)
+
+
+def _why_it_never_fires(spec: Spec, wiring: _Wiring, phase: str, rule: When) -> tuple[str, str] | None:
+    origins = [origin for origin in rule.origins if origin != phase]
+    if not origins:
+        return "it leads here from no other phase", "write from: [...] with the phases in which it is to be watched"
+    least, most = value_range(DataType[spec.variables[rule.variable].type])
+    if (rule.above is not None and rule.above >= most) or (rule.below is not None and rule.below <= least):
+        return f"'{rule.variable}' is never beyond its threshold", f"'{rule.variable}' is {least:g} to {most:g}"
+    givers = {name for names in wiring.givers[rule.variable].values() for name in names}
+    wanted = (
+        name
+        for function in spec.functions.values()
+        if any(function.priority_in(origin) for origin in origins)
+        for name in function.outputs
+    )
+    if givers.isdisjoint(wiring.upstream(wanted)):
+        where = f"in {listed(origins, 'or')} no module that gives '{rule.variable}' serves a wanted function"
+        return where, "such modules do not run: let a function that is wanted there use the variable"
+    return None
 
 
 def _needs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:

@@ -9,7 +9,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-from heronry_dg.schema import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN, DemuxForm, SpecForm
+from heronry_dg.field_types import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN
+from heronry_dg.schema import DemuxForm, SpecForm
 
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
 _NAME: Final = f"^{NAME_PATTERN}$"
@@ -45,7 +46,7 @@ _OR_FIELDS: Final[Mapping[str, Any]] = {
 }
 _INPUT: Final[Mapping[str, Any]] = {
     "type": "object",
-    "description": "A variable whose versions are worth other points than by default.",
+    "description": "A variable with points of its own for its versions, or that is read in some phases only.",
     "properties": {
         "var": {
             "type": "string",
@@ -58,6 +59,14 @@ _INPUT: Final[Mapping[str, Any]] = {
             "items": {"type": "integer", "minimum": 0, "maximum": MOST_POINTS},
             "description": "Points for each accepted version (or for each version of the variable), best first.",
             "examples": [[30, 10]],
+        },
+        "only_in": {
+            "type": ["array", "null"],
+            "items": {"type": "string"},
+            "minItems": 1,
+            "uniqueItems": True,
+            "description": "Phases in which the input may be wired; all if left out.",
+            "examples": [["glide"]],
         },
     },
     "required": ["var"],

@@ -342,6 +342,16 @@ NO_LOOP = FAMILY.error(
     bad=doubled("E") + "plants:\n  room: {moved_by: [lamp, second_lamp], criticality: A}\n",
     good=doubled("E") + ROOM,
 )
+NEVER_FIRES = FAMILY.error(
+    "DG246",
+    "rule-never-fires",
+    what="The rule of a phase can never fire.",
+    why="It leads here from no other phase, its variable never is beyond the threshold, or no module that gives the "
+    "variable serves a function that is wanted in the phases from which the rule leads here.",
+    fix="Name in `from` the phases that the rule may leave, and let a function that is wanted there use the variable.",
+    bad="phases:\n  climb: {when: {variable: speed, above: 10}}\n  cruise: {}\n",
+    good="phases:\n  climb: {when: {variable: speed, above: 10, from: [cruise]}}\n  cruise: {}\n",
+)
 UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
     "unused-variable",

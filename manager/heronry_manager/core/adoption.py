@@ -9,6 +9,8 @@ What the manager does not know: what a silent PE runs. A silent PE may still hol
 (`exclusion`). Before a PE hears this term, it may start the configuration of another manager.
 """
 
+from dataclasses import replace
+
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
@@ -63,7 +65,7 @@ class Adoption:
             return None
         if is_newer(self._observed.newest_epoch(), runs.epoch):
             return None
-        intended = Situation(frozenset(), now.limits, now.phase)
+        intended = replace(now, down=frozenset())
         worth = score(self._spec, intended, configuration, None)
         plan = make_plan(self._spec, intended, configuration, worth, optimal=False)
         return self._adopted(runs.epoch, plan, compiled)

@@ -1,18 +1,20 @@
-"""The active manager announces the phase and each latched fault to the standby manager (CONTROL, HOLDS).
+"""The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
 
 The manager announces one fact at a time: a new fact with the next beat, the others in turn, one with every
-ANNOUNCED_EVERY-th beat. Before each answer to a request for a phase the manager sends the phase, even if it was sent
-before: a standby manager that has just started knows only its journal. After the phase in its turn, the manager also
-sends which requests for a phase it has executed. PEs ignore these frames. A standby manager that has missed a fact
+ANNOUNCED_EVERY-th beat. A fact is HOLDS with the phase, a latched fault or a changed priority; or CLEAR with a function
+that has the priority of the spec again, and for which requests were executed. Before each answer to a request the
+manager sends the phase or the priority, even if it was sent before: a standby manager that has just started knows only
+its journal. After a phase or a priority in its turn, the manager also sends which requests for it were executed. A PE
+uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a fact
 hears it again, and drops a fact that it has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
 from heronry_manager.core.known_situation import KnownSituation
-from heronry_wire.management import ElementKind
+from heronry_wire.management import ElementKind, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY
 
-Fact = tuple[ElementKind, int]
+Fact = tuple[Operation, int, int]  # operation, a and b of CONTROL
 
 
 class Announcer:
@@ -43,10 +45,12 @@ class Announcer:
     def look(self) -> list[Fact]:
         """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
         places = map(self._situation.failed.place, self._situation.failed.elements)
-        facts = self._phase() + sorted(place for place in places if place is not None)
+        held = sorted(place for place in places if place is not None)
+        facts = self._phase() + [(Operation.HOLDS, *place) for place in held]
+        facts += self._situation.priorities.facts()
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
         return facts
 
     def _phase(self) -> list[Fact]:
         phase = self._situation.phase
-        return [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
+        return [] if phase is None else [(Operation.HOLDS, ElementKind.PHASE, self._phases.index(phase))]

@@ -9,7 +9,7 @@ The beat begins anew with each term. The next beat makes up for a lost one; no f
 
 from collections.abc import Iterable
 
-from heronry_manager.core.announcing import Announcer, Fact
+from heronry_manager.core.announcing import Announcer
 from heronry_manager.core.beacon import Beacon
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.settings import ManagerSettings
@@ -17,7 +17,14 @@ from heronry_manager.core.standing import Standing
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command
-from heronry_wire.management import Alive, Control, ElementKind, Operation, decode_command
+from heronry_wire.management import (
+    PRIORITY_REQUEST_NUMBERS,
+    Alive,
+    Control,
+    ElementKind,
+    Operation,
+    decode_command,
+)
 
 _ALL_NODES = 0
 
@@ -44,13 +51,16 @@ class Beat:
         """Send LEASE, ALIVE, a PING to each suspect, and one fact for a standby manager, if one is due."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
+        known.situation.disagreements.beat()
+        known.situation.unknown_reports.beat()
+        known.situation.suspicions.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()
         self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
-        self._tell_held(fact)
-        if fact is not None and fact[0] is ElementKind.PHASE:
-            self._tell_accepted()
+        if fact is not None:
+            self._tell(*fact)
+            self._tell_accepted(fact[1])
 
     def ping(self, pe: str) -> None:
         """Send a PING, which asks a PE for its state."""
@@ -76,7 +86,13 @@ class Beat:
 
     def tell_phase(self) -> None:
         """Announce the phase to a standby manager, now."""
-        self._tell_held(self._announcer.phase())
+        phase = self._announcer.phase()
+        if phase is not None:
+            self._tell(*phase)
+
+    def tell_priority(self, index: int) -> None:
+        """Tell a standby manager the priority of the function with this index, now."""
+        self._tell(*self._known.situation.priorities.told(index))
 
     def look(self) -> None:
         """Note which facts hold now: a fact that ends and returns before the next beat is announced as new."""
@@ -89,17 +105,25 @@ class Beat:
         self._has_to_leave_out = False
         return self._nodes(named)
 
-    def _tell_held(self, fact: Fact | None) -> None:
-        if fact is not None:
-            self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, Operation.HOLDS, *fact))
+    def _tell(self, operation: Operation, a: int, b: int) -> None:
+        self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, operation, a, b))
 
-    def _tell_accepted(self) -> None:
-        """Repeat which requests for a phase were executed: a standby manager may have missed that, or just started."""
-        for pe, request in self._turn.memory.phase_requests.items():
-            if self._known.health.said_incarnation(pe, self._turn.now_ns) == request.incarnation:
-                accepted = Operation.ACKNOWLEDGE, ElementKind.PHASE, request.number
-                node = self._settings.spec.pes[pe].node_id
-                self._turn.send(Command.CONTROL, Control(self._turn.term, node, *accepted))
+    def _tell_accepted(self, told: int) -> None:
+        """Repeat which requests for what was told (a of CONTROL) were executed: a standby may have missed that."""
+        kind, index = told & 0xFF, told >> 8
+        if kind == ElementKind.PHASE:
+            for pe, request in self._turn.memory.phase_requests.items():
+                self._tell_one_accepted(pe, request.incarnation, ElementKind.PHASE, request.number)
+        elif kind == ElementKind.PRIORITY:
+            for wanted in self._known.situation.priorities.accepted(index):
+                number = index * PRIORITY_REQUEST_NUMBERS + wanted.number
+                self._tell_one_accepted(wanted.pe, wanted.incarnation, ElementKind.PRIORITY, number)
+
+    def _tell_one_accepted(self, pe: str, incarnation: int, kind: ElementKind, number: int) -> None:
+        if self._known.health.said_incarnation(pe, self._turn.now_ns) == incarnation:
+            node = self._settings.spec.pes[pe].node_id
+            accepted = Control(self._turn.term, node, Operation.ACKNOWLEDGE, kind, number)
+            self._turn.send(Command.CONTROL, accepted)
 
     def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
         return frozenset(self._settings.spec.pes[pe].node_id for pe in pes)

@@ -17,6 +17,7 @@ from heronry_dg.traffic import criticality_ranks, identifiers
 from heronry_dg.wire_limits import require_wire_limits
 from heronry_manager.core.topology import command_period_ns, radios, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
+from heronry_wire.management import MOST_FUNCTIONS
 from heronry_wire.pe_table import (
     FORMAT,
     DeviceEntry,
@@ -96,7 +97,10 @@ class Compiler:
             variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
             devices=tuple(DeviceEntry(d.name, d.kind, spec.pes[d.pe].node_id) for d in spec.devices.values()),
             module_names=tuple(spec.modules),
-            phases=tuple(_phase_entry(phase) for phase in spec.phases.values()),
+            pe_names=tuple(spec.pes),
+            bus_names=tuple(spec.buses),
+            phases=tuple(_phase_entry(phase, list(spec.phases)) for phase in spec.phases.values()),
+            adjustable=_adjustable(spec),
             flight_critical=tuple(_flight_critical(spec)),
             command_period_ns=command_period_ns(spec, pe),
         )
@@ -209,12 +213,18 @@ class Compiler:
         return publish, forward
 
 
-def _phase_entry(phase: Phase) -> PhaseEntry:
+def _adjustable(spec: Spec) -> dict[str, int]:
+    functions = list(spec.functions.values())[:MOST_FUNCTIONS]
+    return {function.name: i for i, function in enumerate(functions) if function.priority_range is not None}
+
+
+def _phase_entry(phase: Phase, order: list[str]) -> PhaseEntry:
     when = phase.when
     if when is None:
         return PhaseEntry(phase.name)
     above, below = (None if limit is None else float(limit) for limit in (when.above, when.below))
-    return PhaseEntry(phase.name, when.variable, above, below, when.hold_ns)
+    origins = tuple(order.index(origin) for origin in when.origins)
+    return PhaseEntry(phase.name, when.variable, above, below, when.hold_ns, origins)
 
 
 def _flight_critical(spec: Spec) -> Iterator[str]:

@@ -1,16 +1,17 @@
-"""The situation as the manager knows it: what is down, what is limited, and the phase.
+"""The situation as the manager knows it: what is down, what is limited, the phase, and changed priorities.
 
 Each change returns its consequences as values, in the order in which `reactions` carries them out:
 
     HealthChange      a PE is no longer available: a fault was latched on it, or its radio is gone
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
+    PeAsked           a module suspects a PE
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
 Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
-`radio_links` gives the remaining bandwidth of each radio, and `mission_phase` the phase; `lost_channels` and
-`restarts_told` serve reports, and change no plan. The head of each file says what follows from a lost, late, doubled or
-forged message.
+`radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
+priorities; `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
+file says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
 
@@ -32,13 +33,16 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
+from heronry_manager.core.changed_priorities import ChangedPriorities
 from heronry_manager.core.health import Health, HealthChange
 from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.core.lost_channels import LostChannels
 from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
 from heronry_manager.core.mission_phase import MissionPhase
+from heronry_manager.core.module_notices import Disagreements, UnknownReports
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
+from heronry_manager.core.suspicions import Suspicions
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
@@ -73,12 +77,19 @@ class ModuleReleased:
     module: str
 
 
-SituationChange = HealthChange | PlanNeeded | LimitChanged | ModuleReleased
+@dataclass(frozen=True, slots=True)
+class PeAsked:
+    """A module suspects this PE: it is to be asked for its state."""
+
+    pe: str
+
+
+SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased
 Changes = Sequence[SituationChange]
 
 
 class KnownSituation:
-    """What is down, what is limited, and the phase."""
+    """What is down, what is limited, the phase, and changed priorities."""
 
     def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
         """Begin with what is remembered, and nothing else."""
@@ -88,7 +99,11 @@ class KnownSituation:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
+        self.priorities = ChangedPriorities(spec, turn)
         self.channels = LostChannels(spec, turn)
+        self.disagreements = Disagreements(spec, turn)
+        self.unknown_reports = UnknownReports(spec, turn)
+        self.suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager announced that it holds an element
@@ -103,7 +118,7 @@ class KnownSituation:
 
     def now(self) -> Situation:
         """Give the situation that plans are made for."""
-        return Situation(self.down(), self.links.limits(), self.phase)
+        return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
 
     def spares(self, plan: Plan) -> bool:
         """Tell whether a plan needs no successor under the present limits: it is legal, and no limit has risen."""
@@ -160,11 +175,20 @@ class KnownSituation:
         if emergency.code is FaultCode.MODULE_RESTARTED:
             self._restarts.reported(pe, element, emergency.detail)
             return ()
+        kind, _, name = element.partition(":")
+        if kind == "pe":
+            return (PeAsked(name),) if self.suspicions.pe(name, pe) else ()
+        if kind == "bus":
+            self.suspicions.bus(name, pe)
+            return ()
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """Take a PE's request for a phase; gives the consequences, or None where it is not to be acknowledged."""
+        """Take a request for a phase or a priority; gives the consequences; None: it is not to be acknowledged."""
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
+        if incarnation is not None and request.kind is ElementKind.PRIORITY:
+            causes = self.priorities.requested(pe, incarnation, request)
+            return None if causes is None else tuple(map(PlanNeeded, causes))
         if incarnation is None or not self._mission.knows(request.index):
             return None
         is_new = self._request_accepted(pe, incarnation, request.detail)
@@ -172,11 +196,20 @@ class KnownSituation:
             return self.enter(list(self._spec.phases)[request.index], pe)
         return ()
 
-    def _request_answered(self, pe: str, detail: int) -> None:
+    def order_priority(self, function: str, priority: int | None) -> Changes:
+        """Take the operator's priority of a function (None: that of the spec); gives the consequences."""
+        cause = self.priorities.order(function, priority)
+        return () if cause is None else (PlanNeeded(cause),)
+
+    def _request_answered(self, pe: str, kind: int, number: int) -> None:
         """Note that another manager has executed a request of a PE, if the incarnation of the request is certain."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
-        if incarnation is not None:
-            self._request_accepted(pe, incarnation, detail)
+        if incarnation is None:
+            return
+        if kind == ElementKind.PRIORITY:
+            self.priorities.answered(pe, incarnation, number)
+        elif self._has_just_told_phase:
+            self._request_accepted(pe, incarnation, number)
 
     def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """Note that a request of a PE is executed, here or by another manager; tells whether it is a new one."""
@@ -187,11 +220,14 @@ class KnownSituation:
 
     def overheard(self, manager: int, told: Control) -> Changes:
         """Take a fact of the active manager: what it holds, what is cleared, which request it has executed."""
-        if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
-            if told.node in self._pe_of_node and self._has_just_told_phase:
-                self._request_answered(self._pe_of_node[told.node], told.b)
+        if told.operation is Operation.ACKNOWLEDGE and told.a in (ElementKind.PHASE, ElementKind.PRIORITY):
+            if told.node in self._pe_of_node:
+                self._request_answered(self._pe_of_node[told.node], told.a, told.b)
             return ()
         self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
+        causes = self.priorities.overheard(manager, told)
+        if causes is not None:
+            return tuple(map(PlanNeeded, causes))
         if self._has_just_told_phase:
             return self._phase_told(manager, told.b)
         kind = ElementKind(told.a) if told.a in _KINDS else None
@@ -209,13 +245,20 @@ class KnownSituation:
         self._told_phase, phase = index, list(self._spec.phases)[index]
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
-    def held_no_longer(self) -> list[str]:
-        """Count a beat of the active manager; gives the elements that it holds no longer."""
+    def held_no_longer(self, manager: int) -> Changes:
+        """Count a beat of the active manager; gives the consequences of what it holds no longer."""
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
-        longest = _TURNS * ANNOUNCED_EVERY * (1 + len(elements))  # the phase has its turn, too
-        return [element for element in sorted(elements) if self._untold[element] > longest]
+        facts = 1 + len(elements) + len(self.priorities.facts())  # the phase has its turn, too
+        longest = _TURNS * ANNOUNCED_EVERY * facts
+        changes: list[SituationChange] = []
+        for element in sorted(elements):
+            if self._untold[element] > longest:
+                changes += self.clear(element, f"manager {manager}") or ()
+        if not self._turn.silent:  # an adviser keeps the priorities that the operator has supposed
+            changes += map(PlanNeeded, self.priorities.held_no_longer(longest))
+        return changes
 
     def latch(self, fault: LatchedFault) -> Changes:
         """Latch a fault; gives the consequences."""

@@ -59,6 +59,7 @@ from heronry_manager.core.vocabulary import (
     PlanFailed,
     PlanReady,
     Reply,
+    SetPriority,
     UnlockPe,
 )
 from heronry_wire.authentication import Key
@@ -217,7 +218,7 @@ class ManagerCore:
             return ()
         return (self._execute(said.number, said.order),)
 
-    def _execute(self, number: int, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Reply:
+    def _execute(self, number: int, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._known.following.node}"
             return Reply(number, done=False, sentence=f"this manager only stands by: {where}")

@@ -9,9 +9,9 @@ Two kinds of things are remembered:
               counters). Numbers are reserved in blocks, so that the disk is written once per block. A reservation is on
               disk before the first frame that uses it: numbers only rise, whatever else is lost
     facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase and
-              the last request of each PE for one, latched faults (those the operator ordered among them), and which PEs
-              are quarantined. Facts are written after the command: the PEs report what runs, and an outdated fact costs
-              one epoch
+              the changed priorities with the last request of each PE for one, latched faults (those the operator
+              ordered among them), and which PEs are quarantined. Facts are written after the command: the PEs report
+              what runs, and an outdated fact costs one epoch
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """
@@ -65,6 +65,32 @@ class PhaseRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class PriorityChanged:
+    """A function has another priority than the spec gives it."""
+
+    function: str
+    priority: int
+    by_operator: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PriorityRestored:
+    """A function has the priority of the spec again."""
+
+    function: str
+
+
+@dataclass(frozen=True, slots=True)
+class PriorityRequest:
+    """A PE's request for the priority of a function was executed: its number, counted in this incarnation."""
+
+    pe: str
+    incarnation: int
+    function: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Latched:
     """An element counts as failed until it is cleared."""
 
@@ -96,7 +122,19 @@ class Released:
     pe: str
 
 
-Record = TermBegun | Reserved | Runs | PhaseEntered | PhaseRequest | Latched | Cleared | Quarantined | Released
+PriorityRecord = PriorityChanged | PriorityRestored | PriorityRequest
+Record = (
+    TermBegun
+    | Reserved
+    | Runs
+    | PhaseEntered
+    | PhaseRequest
+    | PriorityRecord
+    | Latched
+    | Cleared
+    | Quarantined
+    | Released
+)
 _NUMBERS = (TermBegun, Reserved)
 
 
@@ -116,20 +154,22 @@ class Memory:
     latched: Mapping[str, Latched] = field(default_factory=dict)  # by element, the oldest first
     quarantined: Mapping[str, int] = field(default_factory=dict)  # losses, by PE
     phase_requests: Mapping[str, PhaseRequest] = field(default_factory=dict)  # by PE, its last request
+    priorities: Mapping[str, PriorityChanged] = field(default_factory=dict)  # by function
+    priority_requests: Mapping[tuple[str, str], PriorityRequest] = field(default_factory=dict)  # by PE and function
 
     def after(self, record: Record) -> "Memory":
         """Give the memory with the change of this record."""
         match record:
-            case TermBegun(term):
-                return replace(self, term=term)
-            case Reserved(kind, last):
-                return replace(self, reserved={**self.reserved, kind: last})
+            case TermBegun() | Reserved():
+                return self._with_number(record)
             case Runs():
                 return replace(self, runs=record)
             case PhaseEntered(phase):
                 return replace(self, phase=phase)
             case PhaseRequest(pe):
                 return replace(self, phase_requests={**self.phase_requests, pe: record})
+            case PriorityChanged() | PriorityRestored() | PriorityRequest():
+                return self._with_priority(record)
             case Latched(element):
                 return replace(self, latched={**self.latched, element: record})
             case Cleared(element):
@@ -139,6 +179,20 @@ class Memory:
             case Released(pe):  # pragma: no branch - nothing else is left
                 return replace(self, quarantined={p: n for p, n in self.quarantined.items() if p != pe})
 
+    def _with_number(self, record: TermBegun | Reserved) -> "Memory":
+        if isinstance(record, TermBegun):
+            return replace(self, term=record.term)
+        return replace(self, reserved={**self.reserved, record.kind: record.last})
+
+    def _with_priority(self, record: PriorityRecord) -> "Memory":
+        match record:
+            case PriorityChanged(function):
+                return replace(self, priorities={**self.priorities, function: record})
+            case PriorityRestored(function):
+                return replace(self, priorities={f: one for f, one in self.priorities.items() if f != function})
+            case PriorityRequest(pe, _, function):  # pragma: no branch - nothing else is left
+                return replace(self, priority_requests={**self.priority_requests, (pe, function): record})
+
     def records(self) -> list[Record]:
         """Give the fewest records that make this memory out of an empty one."""
         records: list[Record] = [TermBegun(self.term)] if self.term else []
@@ -146,6 +200,8 @@ class Memory:
         records += [self.runs] if self.runs is not None else []
         records += [PhaseEntered(self.phase)] if self.phase is not None else []
         records += self.phase_requests.values()
+        records += self.priorities.values()
+        records += self.priority_requests.values()
         records += self.latched.values()
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
@@ -160,16 +216,16 @@ NOTHING = Memory()
 def as_json(record: Record) -> list[str | int]:
     """Write a record as a list: its kind, then its fields."""
     match record:
-        case TermBegun(term):
-            return ["term", term]
-        case Reserved(kind, last):
-            return ["reserved", kind, last]
+        case TermBegun() | Reserved():
+            return ["term", record.term] if isinstance(record, TermBegun) else ["reserved", record.kind, record.last]
         case Runs(epoch, digest, row):
             return ["runs", epoch, digest, row]
         case PhaseEntered(phase):
             return ["phase", phase]
         case PhaseRequest(pe, incarnation, number):
             return ["asked", pe, incarnation, number]
+        case PriorityChanged() | PriorityRestored() | PriorityRequest():
+            return _priority_as_json(record)
         case Latched(element, by, code, detail):
             return ["latched", element, by, code, detail]
         case Cleared(element):
@@ -178,6 +234,16 @@ def as_json(record: Record) -> list[str | int]:
             return ["quarantined", pe, losses]
         case Released(pe):  # pragma: no branch - nothing else is left
             return ["released", pe]
+
+
+def _priority_as_json(record: PriorityRecord) -> list[str | int]:
+    match record:
+        case PriorityChanged(function, priority, by_operator):
+            return ["priority", function, priority, "ordered" if by_operator else "requested"]
+        case PriorityRestored(function):
+            return ["restored", function]
+        case PriorityRequest(pe, incarnation, function, number):  # pragma: no branch - nothing else is left
+            return ["wanted", pe, incarnation, function, number]
 
 
 def from_json(content: object) -> Record | None:
@@ -207,5 +273,17 @@ def _fact(content: object) -> Record | None:
             return Quarantined(pe, losses)
         case ["released", str(pe)]:
             return Released(pe)
+        case _:
+            return _priority_fact(content)
+
+
+def _priority_fact(content: object) -> Record | None:
+    match content:
+        case ["priority", str(function), int(priority), "ordered" | "requested" as how]:
+            return PriorityChanged(function, priority, by_operator=how == "ordered")
+        case ["restored", str(function)]:
+            return PriorityRestored(function)
+        case ["wanted", str(pe), int(incarnation), str(function), int(number)]:
+            return PriorityRequest(pe, incarnation, function, number)
         case _:
             return None

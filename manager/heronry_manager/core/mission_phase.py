@@ -4,8 +4,9 @@ The spec's first phase is the initial one. It is changed by
 
     the operator    to any phase
     a module        to any phase: its PE has sent a request (EMCY, PHASE_REQUEST)
-    a phase's rule  to a later phase of the spec only; the same holds for a request that a PE makes again in a new
-                    mastership, after another manager has acknowledged it
+    a phase's rule  only from the phases that the rule names (`from`; by default those before it in the spec). The same
+                    holds for a request that a PE makes again in a new mastership, after another manager has
+                    acknowledged it: it leads to a phase with a rule only from these, and to any other only forward
 
 Any change has the consequences of a fault: a plan for the new phase, an epoch. Each request counts when it comes, so of
 several requests the last one wins; of several rules the one with the latest phase wins.
@@ -30,6 +31,10 @@ class MissionPhase:
 
     def __init__(self, spec: Spec) -> None:
         self._order = list(spec.phases)
+        self._origins = [
+            self._order[:index] if phase.when is None else phase.when.origins
+            for index, phase in enumerate(spec.phases.values())
+        ]
         self._last: dict[str, tuple[int, int]] = {}  # incarnation of each PE, and number of its last request
         self.current = spec.initial_phase()
 
@@ -54,4 +59,4 @@ class MissionPhase:
         """Tell whether a request for a phase of the spec changes the phase."""
         if self._order[index] == self.current:
             return False
-        return not detail & FORWARD_ONLY or self.current is None or index > self._order.index(self.current)
+        return not detail & FORWARD_ONLY or self.current is None or self.current in self._origins[index]

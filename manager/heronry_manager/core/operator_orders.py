@@ -1,6 +1,8 @@
 """The orders that an operator may give to a manager in flight, and the sentence that answers each.
 
     phase NAME       another mission phase, any of the spec's
+    priority F N     another priority of function F, 0 to 32767, or `default`: that of the spec. The order stands until
+                     the operator ends it, against all requests of modules
     fail ELEMENT     the element counts as failed, whatever is heard of it: the manager plans without it. The manager
                      refuses its own bus, and channels, since a plan without a channel would be the same
     clear ELEMENT    the element no longer counts as failed: its latched fault ends, a PE leaves its quarantine, and a
@@ -20,14 +22,14 @@ the second time. The part that delivers orders decides which callers may give th
 
 from dataclasses import dataclass
 
-from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
+from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.known_situation import Changes
 from heronry_manager.core.latched_faults import OPERATOR_CODE, LatchedFault
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, UnlockPe
-from heronry_wire.management import Control, Operation
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, SetPriority, UnlockPe
+from heronry_wire.management import MOST_FUNCTIONS, MOST_PRIORITY, Control, Operation
 
 OPERATOR = "the operator"
 UNLOCK_S = 30
@@ -52,12 +54,14 @@ class OperatorOrders:
         self._spec, self._has_key = settings.spec, settings.key is not None
         self._turn, self._known = turn, known
 
-    def accept(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
+    def accept(self, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe) -> Outcome:
         """Carry out an order; refuse one whose name is not in the spec, with a sentence that lists the spec's names."""
         try:
             match order:
                 case EnterPhase(phase):
                     return self._enter(checked_phase(self._spec, phase))
+                case SetPriority(function, priority):
+                    return self._set_priority(checked_function(self._spec, function), priority)
                 case FailElement(element):
                     return self._fail(checked_element(self._spec, element))
                 case ClearElement(element):
@@ -74,6 +78,23 @@ class OperatorOrders:
         changes = self._known.situation.enter(phase, OPERATOR)
         follows = self._what_follows("a plan for it is on its way")
         return Outcome(True, f"the phase is {phase} from now on, it was {before}; {follows}", changes)
+
+    def _set_priority(self, function: str, priority: int | None) -> Outcome:
+        priorities = self._known.situation.priorities
+        if not priorities.can_change(function):
+            why = (
+                f"commands can name only the first {MOST_FUNCTIONS} functions of a spec, and {function} is a later one"
+            )
+            return Outcome(False, why)
+        if priority is not None and not 0 <= priority <= MOST_PRIORITY:
+            return Outcome(False, f"a priority is a whole number from 0 to {MOST_PRIORITY}, not {priority}")
+        changes = self._known.situation.order_priority(function, priority)
+        word = "that of the spec" if priority is None else str(priority)
+        if not changes:
+            return Outcome(True, f"the priority of {function} is {word} already")
+        told = Control(self._turn.term, _ALL_NODES, *priorities.told(priorities.index_of(function)))
+        follows = self._what_follows("a plan for it is on its way")
+        return Outcome(True, f"the priority of {function} is {word} from now on; {follows}", changes, told)
 
     def _fail(self, element: str) -> Outcome:
         situation = self._known.situation

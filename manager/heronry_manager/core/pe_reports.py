@@ -5,8 +5,9 @@
     page 1    without a key: the PE lives. Always: how far the PE is with the epoch that is being prepared
     page 2    with a key: the PE requests a session, which this manager opens if it is active
     page 3    only `authenticity` uses it
-    EMCY      a fault, or a request for a phase. Only an active manager takes and acknowledges an EMCY; the PE repeats
-              it until then. An EMCY that reports a reset has no effect, since the incarnation of the PE shows the reset
+    EMCY      a fault, or a request for a phase or a priority. Only an active manager takes and acknowledges an EMCY;
+              the PE repeats it until then. An EMCY that reports a reset has no effect, since the incarnation of the
+              PE shows the reset
 
 A page that cannot be decoded has no effect. When a manager that has fallen silent hears a page again, it forgets all
 but its memory, and listens for T_lease.
@@ -16,8 +17,17 @@ from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.parts import Parts
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
-from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.management import (
+    PRIORITY_REQUEST_NUMBERS,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Operation,
+)
 from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, StatePage1, StatePage2, StatePage3
+
+_REQUESTS = (ElementKind.PHASE, ElementKind.PRIORITY)
 
 
 class PeReports:
@@ -58,6 +68,7 @@ class PeReports:
         if page.state is not PeState.UNCONFIGURED:
             known.health.in_flight(self._turn.now_ns)
         known.following.state(pe, page)
+        known.situation.suspicions.answered(pe)
         cause = known.deployment.observe(pe, page)
         if self._settings.advise:
             self._replanning.look_at_what_runs()
@@ -73,13 +84,21 @@ class PeReports:
         self._reactions.take(known.health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears_lease))
 
     def emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
-        """Take an EMCY of a PE: a fault, or a request for a phase."""
+        """Take an EMCY of a PE: a fault, or a request for a phase or a priority."""
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET or not self._claim.is_active:
             return
-        if emergency.kind is not ElementKind.PHASE:
+        situation = self._known.situation
+        notices = {
+            FaultCode.DISAGREEMENT: situation.disagreements,
+            FaultCode.UNKNOWN_ELEMENT: situation.unknown_reports,
+        }.get(emergency.code)
+        if notices is not None:
+            notices.reported(pe, emergency)
+            return
+        if emergency.kind not in _REQUESTS:
             changes = self._known.situation.reported(pe, emergency)
         elif self._settings.advise and self._known.following.hears_lease():
-            return  # the active manager announces the phase
+            return  # the active manager announces phase and priorities
         else:
             changes = self._known.situation.requested(pe, emergency)
         if changes is None:
@@ -90,6 +109,8 @@ class PeReports:
         self._reactions.take(changes)
         if emergency.kind is ElementKind.PHASE:  # the PE forgets an acknowledged request
             self._beat.tell_phase()
+        elif emergency.kind is ElementKind.PRIORITY:
+            self._beat.tell_priority(emergency.index // PRIORITY_REQUEST_NUMBERS)
         node = self._settings.spec.pes[pe].node_id
         told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, *emergency.acknowledgement)
         self._turn.send(Command.CONTROL, told)

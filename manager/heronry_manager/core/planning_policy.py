@@ -10,7 +10,7 @@ configuration of an active manager, which interrupts nothing, and for the optima
 immediate plan runs. The sources of a plan, in this order:
 
     contingencies   made before the flight for these faults, this phase and the running configuration
-                    (`contingency.look_up`)
+                    (`contingency.look_up`); none while a radio is limited or a priority changed
     pre-planned     made in flight for exactly this situation, before it happened
     planner         only for background requests: the exact planner, in its own process
     immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
@@ -190,8 +190,11 @@ class PlanningPolicy:
         return self._plan_at_once(self._immediate, request)
 
     def _made_before(self, request: RequestPlan) -> Plan | None:
-        """Find the plan of a contingency; None: there is none, or a radio is limited (contingencies assume none)."""
-        if self._contingencies is None or request.now.limits:
+        """Find the plan of a contingency; None: there is none, or contingencies do not cover the situation.
+
+        They assume that no radio is limited, and no priority changed.
+        """
+        if self._contingencies is None or request.now.limits or request.now.priorities:
             return None
         return self._contingencies.plan(request.now.down, request.now.phase, request.running)
 
@@ -244,7 +247,7 @@ class PlanningPolicy:
         """Tell whether a contingency answers a question, or the pre-planner is working on it."""
         if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
-        if self._contingencies is None or one.now.limits:
+        if self._contingencies is None or one.now.limits or one.now.priorities:
             return False
         return self._contingencies.find(one.now.down, one.now.phase, one.running) is not None
 

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.health import Change, HealthChange
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.known_situation import LimitChanged, ModuleReleased, PlanNeeded, SituationChange
+from heronry_manager.core.known_situation import LimitChanged, ModuleReleased, PeAsked, PlanNeeded, SituationChange
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.memory import Quarantined, Released
 from heronry_manager.core.pe_details import Look
@@ -43,6 +43,8 @@ class Reactions:
                     self._take_health(change)
                 case PlanNeeded():
                     self._replanning.need(change)
+                case PeAsked(pe):
+                    self._beat.ping(pe)
                 case LimitChanged():
                     self._replanning.limit(change)
                 case ModuleReleased(module):  # pragma: no branch - nothing else is left

@@ -161,14 +161,14 @@ class Replanning:
     def _may_stay(self) -> bool:
         """Tell whether the running configuration can stay: legal, with all critical functions, on all available PEs."""
         spec, situation, deployment = self._settings.spec, self._known.situation, self._known.deployment
-        plan, phase = deployment.plan, situation.phase
+        plan, now = deployment.plan, situation.now()
         if plan is None or not deployment.all_available_run_it():
             return False
         functions = spec.functions.values()
-        wanted = sum(f.priority_in(phase) for f in functions if f.criticality_in(phase) in CRITICAL_CLASSES)
+        wanted = sum(now.priority_of(f) for f in functions if f.criticality_in(now.phase) in CRITICAL_CLASSES)
         if sum(plan.objective.critical) < wanted:
             return False
-        return not verify(spec, situation.now(), plan.configuration)
+        return not verify(spec, now, plan.configuration)
 
     def _settle(self) -> None:
         """If nothing is under way, request the optimal plan in the background, or report that all has settled."""

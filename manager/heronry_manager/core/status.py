@@ -11,11 +11,13 @@ A pure function of the parts of the core. The document is versioned; a later ver
     pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
                     (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them),
                     standstills (as last read from the PE; null: not read yet)
+    priorities      changed ones, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
     failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): the nodes that hear nothing on it
+    disagreements   list of module (a comparator), by, detail
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
                     is not known, served, mode and value are null)
     buses           by name: bits_per_s and load, as planned
@@ -27,10 +29,12 @@ from typing import Any
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.health import Health
 from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.memory import PriorityChanged
 from heronry_manager.core.pe_details import PeDetails
 from heronry_manager.core.radio_links import LinkRecord
 
@@ -50,13 +54,14 @@ def status(
     details: PeDetails,
 ) -> dict[str, Any]:
     """Build the document; `manager` is the part on the manager itself."""
-    current, plan, phase = deployment.current, deployment.plan, situation.phase
+    current, plan, now = deployment.current, deployment.plan, situation.now()
     return {
         "v": VERSION,
         "spec": spec.name,
         "spec_digest": spec.digest,
         "manager": dict(manager),
-        "phase": phase,
+        "phase": now.phase,
+        "priorities": {one.function: _priority(one) for one in situation.priorities.all()},
         "epoch": None if current is None else current.epoch,
         "stage": None if current is None else current.stage.value,
         "next": None if deployment.next is None else deployment.next.epoch,
@@ -72,7 +77,8 @@ def status(
         "failures": details.failures(),
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
-        "functions": {f.name: _function(f, phase, plan, unknown_epoch) for f in spec.functions.values()},
+        "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
+        "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),
     }
@@ -107,20 +113,24 @@ def _link(record: LinkRecord) -> dict[str, Any]:
     }
 
 
-def _function(function: Function, phase: str | None, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
+def _function(function: Function, now: Situation, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
     report = plan.functions[function.name] if plan is not None else None
     known, why_not = True, "nothing runs yet"
     if unknown_epoch is not None:
         known, why_not = False, f"epoch {unknown_epoch} runs, which this manager does not know"
     return {
-        "wanted": function.priority_in(phase) > 0,
-        "criticality": function.criticality_in(phase),
-        "priority": function.priority_in(phase),
+        "wanted": now.priority_of(function) > 0,
+        "criticality": function.criticality_in(now.phase),
+        "priority": now.priority_of(function),
         "served": (report is not None and report.served) if known else None,
         "mode": None if report is None else report.mode,
         "value": (0 if report is None else report.value) if known else None,
         "why_not": why_not if report is None else report.why_not,
     }
+
+
+def _priority(one: PriorityChanged) -> dict[str, Any]:
+    return {"priority": one.priority, "by": "operator" if one.by_operator else "module"}
 
 
 def _unwatched(spec: Spec, plan: Plan | None) -> Iterator[str]:

@@ -58,8 +58,7 @@ class Succession:
         following, situation = self._known.following, self._known.situation
         self._reactions.take(following.heard(node, message))
         if following.is_beat(node, message):
-            for element in situation.held_no_longer():
-                self._reactions.take(situation.clear(element, f"manager {node}") or ())
+            self._reactions.take(situation.held_no_longer(node))
 
     def _give_way(self, node: int, lease: Lease) -> None:
         was_active = self._claim.is_active

@@ -112,6 +112,14 @@ class EnterPhase:
 
 
 @dataclass(frozen=True, slots=True)
+class SetPriority:
+    """The operator orders a priority of a function; None: that of the spec."""
+
+    function: str
+    priority: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class FailElement:
     """The operator reports that an element (`KIND:NAME`) has failed: plan without it."""
 
@@ -137,7 +145,7 @@ class AskStatus:
     """The operator requests the status."""
 
 
-Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus | AskTraceback
+Order = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | AskStatus | AskTraceback
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,7 @@ class Candidates:
     """Everything that may run in a situation."""
 
     spec: Spec
-    phase: str | None
+    now: Situation
     left: Survivors
     wanted: frozenset[str]  # modules that serve by running: outputs of wanted functions
     modules: Mapping[str, Candidate]
@@ -67,12 +67,12 @@ class Candidates:
 
 def candidates(spec: Spec, now: Situation) -> Candidates:
     """Find the candidates in a situation."""
-    left = survivors(spec, now)
-    wanted = frozenset(m for f in spec.functions.values() if f.priority_in(now.phase) > 0 for m in f.outputs)
+    spec, left = spec.in_phase(now.phase), survivors(spec, now)
+    wanted = frozenset(m for f in spec.functions.values() if now.priority_of(f) > 0 for m in f.outputs)
     possible = _possible(_placeable(spec, left))
     useful = _useful(possible, wanted)
     modules = {name: candidate for name, candidate in possible.items() if name in useful}
-    return Candidates(spec, now.phase, left, wanted, modules, _givers(modules))
+    return Candidates(spec, now, left, wanted, modules, _givers(modules))
 
 
 def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, int]]]:

@@ -245,7 +245,7 @@ class Search:
             self._values = dict(enumerate(values))
 
     def _score(self, configuration: Configuration) -> Objective:
-        return score_among(self._possible.left, self._possible.phase, configuration, self._running)
+        return score_among(self._possible.left, self._possible.now, configuration, self._running)
 
     @property
     def _key(self) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ def explained(spec: Spec, plan: Plan) -> Plan:
     for name, report in plan.functions.items():
         function = spec.functions[name]
         outputs = [spec.modules[output] for output in function.outputs]
-        if not report.served and function.priority_in(plan.now.phase) and any(map(found.can_run, outputs)):
+        if not report.served and plan.now.priority_of(function) and any(map(found.can_run, outputs)):
             alone = _servable_alone(spec, plan.now, function)
             reasons[name] = why_not(found, function, alone=alone)
     return replace(plan, report=plan.report.with_reasons(reasons))

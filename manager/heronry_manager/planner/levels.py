@@ -134,12 +134,12 @@ def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int
 def _critical(choice: Choice) -> Iterator[Level]:
     possible = choice.possible
     for position, criticality in enumerate(CRITICAL_CLASSES):
-        functions = [f for f in possible.spec.functions.values() if f.criticality_in(possible.phase) == criticality]
+        functions = [f for f in possible.spec.functions.values() if f.criticality_in(possible.now.phase) == criticality]
         yield _level(
             position,
             Kind.SERVING,
             (
-                [(choice.runs[output], f.priority_in(possible.phase)) for output in f.outputs if output in choice.runs]
+                [(choice.runs[output], possible.now.priority_of(f)) for output in f.outputs if output in choice.runs]
                 for f in functions
             ),
         )
@@ -149,7 +149,7 @@ def _utility(choice: Choice) -> Level:
     possible = choice.possible
     functions = []
     for function in possible.spec.functions.values():
-        priority = function.priority_in(possible.phase)
+        priority = possible.now.priority_of(function)
         served: Terms = []
         for name in function.outputs if priority else ():
             if name in possible.modules:

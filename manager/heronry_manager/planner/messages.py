@@ -1,6 +1,7 @@
 """Messages between the planner's process and its client: one JSON object a line, in both directions.
 
     request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
+               "priorities": {"imaging": 7},
                "running": {"autopilot": ["full", "nav"]}}            running: null if no running configuration is known
     answers   {"ready": true}                 once, at the start: the spec has been read
               {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}      the plan found: the modules as in
@@ -72,6 +73,7 @@ def request_line(request: Request) -> bytes:
             "down": sorted(request.now.down),
             "limits": {element: str(share) for element, share in request.now.limits.items()},
             "phase": request.now.phase,
+            "priorities": dict(request.now.priorities),
             "running": None if request.running is None else {m: list(at) for m, at in request.running.items()},
         }
     )
@@ -97,23 +99,29 @@ def read_request(line: bytes, spec: Spec) -> Request:
             "down": list(down),
             "limits": dict(limits),
             "phase": str() | None as phase,
+            "priorities": dict(priorities),
             "running": dict() | None as running,
         }:
-            return Request(number, _situation(spec, down, limits, phase), _placement(running))
+            return Request(number, _situation(spec, down, limits, phase, priorities), _placement(running))
         case other:
             raise MessageError(f"not a request: {other}")
 
 
-def _situation(spec: Spec, down: list[str], limits: dict[str, str], phase: str | None) -> Situation:
+def _situation(
+    spec: Spec, down: list[str], limits: dict[str, str], phase: str | None, priorities: dict[str, int]
+) -> Situation:
     if phase is not None and phase not in spec.phases:
         raise MessageError(f"not a request: no phase is named '{phase}'")
     if not all(isinstance(text, str) for text in (*down, *limits.values())):
         raise MessageError("not a request: an element or a limit is not a string")
+    if not all(name in spec.functions and isinstance(n, int) for name, n in priorities.items()):
+        raise MessageError("not a request: a priority is not that of a function")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),
             limits={checked_element(spec, element): Fraction(share) for element, share in limits.items()},
             phase=phase,
+            priorities=priorities,
         )
     except (UnknownElementError, ValueError, ZeroDivisionError) as error:
         raise MessageError(f"not a request: {error}") from error

@@ -2,6 +2,7 @@
 
     {"v": 1, "do": "status"}                        {"v": 1, "done": true, "sentence": "", "status": {...}}
     {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
+    {"v": 1, "do": "priority", "what": "imaging", "to": 90}          to: null for the priority of the spec
     {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ..."}
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}
@@ -22,6 +23,7 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     Order,
+    SetPriority,
     UnlockPe,
 )
 
@@ -53,6 +55,8 @@ def order_line(order: Order) -> bytes:
             return _line({"v": VERSION, "do": "status"})
         case EnterPhase(phase):
             return _line({"v": VERSION, "do": "phase", "what": phase})
+        case SetPriority(function, priority):
+            return _line({"v": VERSION, "do": "priority", "what": function, "to": priority})
         case FailElement(element):
             return _line({"v": VERSION, "do": "fail", "what": element})
         case ClearElement(element):
@@ -70,6 +74,8 @@ def read_order(line: bytes) -> Order | str:
             return f"this manager speaks version {VERSION} of the control protocol, not {version}: use equal versions"
         case {"v": _, "do": "status"}:
             return AskStatus()
+        case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:
+            return SetPriority(what, priority)
         case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
             return _WITH_WHAT[do](what)
         case _:

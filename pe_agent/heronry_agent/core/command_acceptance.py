@@ -35,6 +35,7 @@ from heronry_wire.management import (
     NO_EPOCH,
     Activate,
     Control,
+    ElementKind,
     Lease,
     ManagementMessage,
     Operation,
@@ -160,6 +161,8 @@ class CommandAcceptance:
                 turn.wants_page_0 = turn.wants_page_1 = True
             case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
+            case Control(operation=Operation.HOLDS, a=ElementKind.PHASE):
+                self.modules.entered(message.b)
             case Control(operation=Operation.CLEAR) if message.node in (_BROADCAST, self.index.node):
                 self.modules.cleared(message.a, message.b)
             case Control(operation=Operation.RENEW | Operation.UNLOCK) if message.node == self.index.node:

@@ -1,4 +1,4 @@
-"""Reports that this PE repeats until the manager acknowledges them: faults, and phase requests (protocol rule 8).
+"""Reports that this PE repeats until the manager acknowledges them: faults, and requests (protocol rule 8).
 
 Each report is an EMCY. It is *pending* from the moment of its cause until a CONTROL acknowledges it. A pending report
 is sent once in a heartbeat period, and the same cause adds no second one.
@@ -11,13 +11,14 @@ is sent once in a heartbeat period, and the same cause adds no second one.
     phase request   at most one: a newer request replaces it. The acknowledgement repeats the number of the request, so
                     that an answer to an older request does not end this one. A repeated request keeps its number, so
                     that a manager does not execute it twice
+    priority        at most one for each function: like a phase request, but numbered for each function
 
-A restart of a module is reported the same way, but does not stay on record. It is acknowledged separately from a fault
-of the same module: if the module is given up after the restart, the manager must learn that too. A fault on record is
-reported again to every new active manager, since the previous manager may have acknowledged the fault and died before
-the standby manager knew. There is one exception: if this PE was cut off from all other nodes after the acknowledgement
-(`tell_all_again`), it may have missed a CLEAR. Then it reports the fault only if the fault is that of a module which it
-would run (`tell_again`).
+A restart of a module, and a report of a PE or a bus (a suspicion, which the manager assesses), are reported in the same
+way, but do not stay on record. A restart is acknowledged separately from a fault of the same module: if the module is
+given up after the restart, the manager must learn that too. A fault on record is reported again to every new active
+manager, since the previous manager may have acknowledged the fault and died before the standby manager knew. There is
+one exception: if this PE was cut off from all other nodes after the acknowledgement (`tell_all_again`), it may have
+missed a CLEAR. Then it reports the fault only if the fault is that of a module which it would run (`tell_again`).
 
 A fault of an element that may serve a function of class A is flight-critical: with every EMCY of it the PE also sends a
 CANaerospace emergency event. The event carries the code, and kind and index in one signed byte each; -1 stands for a
@@ -36,13 +37,21 @@ from heronry_agent.core.error_history import ErrorHistory
 from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS, ElementKind, Emergency, FaultCode
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    PRIORITY_REQUEST_NUMBERS,
+    REQUEST_NUMBERS,
+    ElementKind,
+    Emergency,
+    FaultCode,
+)
 from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import NEVER_NS
 
 _NO_ERROR = 0x00
 _ERROR_REGISTER = 0x81  # CiA 301 object 1001h: generic error, manufacturer specific
 _LARGEST_BYTE = 127
+_SUSPECTED = (ElementKind.PE, ElementKind.BUS)
 _Key = tuple[FaultCode, ElementKind, int]
 
 
@@ -59,6 +68,8 @@ class Faults:
         self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when last found or acknowledged
         self._requests = self._events = 0
         self._request: Emergency | None = None  # the last request, unless it was withdrawn
+        self._priorities: dict[int, Emergency] = {}  # the same for the priority of each function
+        self._priority_numbers: dict[int, int] = {}  # by function
         self.changes = 0  # how often a report has become pending or ceased to be
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
@@ -90,7 +101,7 @@ class Faults:
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
             return []
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
-        if code is not FaultCode.MODULE_RESTARTED:
+        if code is not FaultCode.MODULE_RESTARTED and kind not in _SUSPECTED:
             self._told[kind, index] = emergency, now_ns
         self.history.add(code, kind, index)
         return self._pend(emergency, now_ns)
@@ -126,6 +137,27 @@ class Faults:
         """Withdraw the request for a phase, pending or not."""
         self._request = None
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
+
+    def request_priority(self, function: int, priority: int, now_ns: int) -> list[Frame]:
+        """Request a priority of a function, in place of a request that is still pending; gives the frames to send."""
+        self.withdraw_priority(function)
+        number = (self._priority_numbers.get(function, 0) + 1) % PRIORITY_REQUEST_NUMBERS
+        self._priority_numbers[function] = number
+        index = function * PRIORITY_REQUEST_NUMBERS + number
+        request = Emergency(FaultCode.PRIORITY_REQUEST, _NO_ERROR, ElementKind.PRIORITY, index, priority)
+        self._priorities[function] = request
+        return self._pend(request, now_ns)
+
+    def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
+        """Send the last request for a function again, unchanged, if it was acknowledged; gives the frames to send."""
+        request = self._priorities[function]
+        return [] if _key(request) in self._pending else self._pend(request, now_ns)
+
+    def withdraw_priority(self, function: int) -> None:
+        """Withdraw the request for the priority of a function, pending or not."""
+        request = self._priorities.pop(function, None)
+        if request is not None and _key(request) in self._pending:
+            self._drop([_key(request)])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
         """Take an acknowledgement of a fault, a restart or a request, and tell whether that was pending."""

@@ -8,18 +8,23 @@ gives the variable runs.
     fired     the value has been beyond it for that time, and the phase was requested once. The rule is armed again when
               the value has been back for `hold_ns`
 
-A break is a value on the other side of the threshold, or three periods without a value. If several rules fire at one
-value, the last phase in the spec's order is requested. A rule only leads forward, to a later phase of the spec; a
-module may request any phase.
+A break is a value on the other side of the threshold, or three periods without a value. A rule leads to its phase only
+from its *origins* (by default the phases before it in the spec); a module may request any phase. If several rules fire
+at one value, the last phase in the spec's order is requested, and of these a phase to which a rule leads from the
+present one comes first.
+
+The manager tells the phase (CONTROL, HOLDS). When an origin of a rule begins while the rule is fired and its values
+come, the rule fires again. Until a PE has heard the phase, or while it has missed the last change, a rule may request a
+phase to which it does not lead: the manager acknowledges that and stays. It decides the origins itself.
 
 A module that requests the same phase in every step makes one request. A request stands until its module requests
 another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not know it: with the same number, so that a manager does not execute it twice, and forward only.
+not know it: with the same number, so that a manager does not execute it twice, and only where a rule leads there. If
+some rule of the spec leads back, a rule withdraws its acknowledged request when it is armed again: that is over.
 
 `faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
 A module that starts here, because another PE has failed or this PE has restarted, begins with every rule armed: a rule
-whose condition holds fires again. Since rules only lead forward, this has an effect only if an operator has gone back
-to an earlier phase.
+whose condition holds fires again. This has an effect only in an origin of the rule.
 """
 
 from dataclasses import dataclass
@@ -60,6 +65,10 @@ class _Watch:
         self.armed, self.since_ns = not self.armed, None
         return not self.armed
 
+    def holds(self, now_ns: int) -> bool:
+        """Tell whether the rule is fired, and values come without a break."""
+        return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
+
     def _is_beyond(self, value: float) -> bool:
         above, below = self.rule.above, self.rule.below
         return (above is not None and value > above) or (below is not None and value < below)
@@ -73,6 +82,10 @@ class PhaseRequests:
         self._watches: dict[int, dict[str, list[_Watch]]] = {}  # by module and variable
         self._requested: dict[int, int] = {}  # phase that each module requested last
         self._standing: int | None = None  # module whose request is the last one of this PE
+        self._standing_watch: _Watch | None = None  # the rule that has made this request; None: the module itself
+        phases = enumerate(index.table.phases)
+        self._returns = any(origin > phase for phase, rule in phases for origin in rule.origins)  # a rule may lead back
+        self._phase: int | None = None  # the phase that the manager told last
 
     def started(self, module: int, mode: int) -> None:
         """Note that a module starts, and watch those of its variables that phase rules name."""
@@ -89,23 +102,37 @@ class PhaseRequests:
         self._watches.pop(module, None)
         self._requested.pop(module, None)
         if self._standing == module:
-            self._standing = None
-            self._faults.withdraw_request()
+            self._withdraw()
 
     def gave(self, module: int, variable: str, value: Value, now_ns: int) -> list[Frame]:
         """Check the rules of a variable against a value that a module has given; gives the frames to send now."""
         watches = self._watches[module].get(variable)
         if not watches or not isinstance(value, int | float):
             return []
-        fired = [watch.phase for watch in watches if watch.see(value, now_ns)]
-        return self._request(module, fired[-1], now_ns, forward_only=True) if fired else []
+        fired = [watch for watch in watches if watch.see(value, now_ns)]
+        standing = self._standing_watch
+        if standing is not None and standing.armed and self._returns and not self._faults.is_asking:
+            self._withdraw()
+        return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
+
+    def entered(self, phase: int, now_ns: int) -> list[Frame]:
+        """Note the phase that the manager tells; gives the frames to send now: of rules that fire again."""
+        if phase == self._phase:
+            return []
+        self._phase = phase
+        frames = []
+        for module, watches in self._watches.items():
+            every = sorted((one for of in watches.values() for one in of), key=lambda watch: watch.phase)
+            again = [watch for watch in every if watch.holds(now_ns) and phase in watch.rule.origins]
+            frames += self._fire(module, again, now_ns)
+        return frames
 
     def requested(self, module: int, phase: int, now_ns: int) -> list[Frame]:
         """Make the request of a module for a phase; gives the frames to send now."""
         if self._requested.get(module) == phase:
             return []
         self._requested[module] = phase
-        return self._request(module, phase, now_ns, forward_only=False)
+        return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
         """Note a new term, and give the frames to send now: the last acknowledged request, forward only.
@@ -114,6 +141,13 @@ class PhaseRequests:
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 
-    def _request(self, module: int, phase: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
-        self._standing = module
-        return self._faults.request_phase(phase, now_ns, forward_only=forward_only)
+    def _fire(self, module: int, fired: list[_Watch], now_ns: int) -> list[Frame]:
+        return self._request(module, fired[-1].phase, now_ns, watch=fired[-1]) if fired else []
+
+    def _request(self, module: int, phase: int, now_ns: int, *, watch: _Watch | None) -> list[Frame]:
+        self._standing, self._standing_watch = module, watch
+        return self._faults.request_phase(phase, now_ns, forward_only=watch is not None)
+
+    def _withdraw(self) -> None:
+        self._standing = self._standing_watch = None
+        self._faults.withdraw_request()

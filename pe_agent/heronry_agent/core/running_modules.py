@@ -28,6 +28,7 @@ from heronry_agent.core.faults import Faults
 from heronry_agent.core.mailboxes import Mailboxes
 from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.phase_requests import PhaseRequests
+from heronry_agent.core.priority_requests import PriorityRequests
 from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.reconfiguration import Moves, Reconfiguration
 from heronry_agent.core.restarts import Restarts
@@ -51,11 +52,13 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_agent.module import Value
+from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
-from heronry_wire.management import ElementKind, FaultCode
+from heronry_wire.identifiers import emcy_id
+from heronry_wire.management import SPECS_PRIORITY, ElementKind, Emergency, FaultCode
 from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import Send, require
 
 EVALUATED_AFTER_NS = 1_000_000_000
@@ -87,7 +90,9 @@ class RunningModules:
         self.failures = FailureTexts()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
         self.phase_requests = PhaseRequests(index, self.faults)
+        self._priority_requests = PriorityRequests(self.faults)
         self._held_ns = -EVALUATED_AFTER_NS  # when an exclusive output was last held back
+        self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module: when it told what is no fault
         self.has_exclusive_output = False
         self.load_percent = 0
 
@@ -155,6 +160,8 @@ class RunningModules:
             self._report(running, element, detail)
         for phase in event.phases:
             self._request_phase(running, phase)
+        for function, priority in event.priorities:
+            self._request_priority(running, function, priority)
         try:
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
@@ -245,13 +252,18 @@ class RunningModules:
         """Clear the faults of an element, as the operator commanded."""
         self._tell(self.faults.clear(kind, index))
 
+    def entered(self, phase: int) -> None:
+        """Note the mission phase that the manager tells: rules of other phases may fire again."""
+        self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
+
     def new_mastership(self) -> None:
-        """Send the phase request and the faults again at the begin of a term: its manager may not know them.
+        """Send the requests and the faults again at the begin of a term: its manager may not know them.
 
         A failed module whose fault was cleared, and that has not been started since, starts again.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
+        self._tell(self._priority_requests.new_mastership(now_ns))
         cleared = []
         for module in sorted(self._reconfiguration.failed):
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
@@ -300,6 +312,7 @@ class RunningModules:
         """Stop the steps of a module; keep: it will start again in another mode."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
+        self._priority_requests.stopped(module)
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
@@ -370,10 +383,24 @@ class RunningModules:
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))
 
+    def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
+        """Tell what is no fault, once a second at most; nobody acknowledges that. Tells whether it went out."""
+        now_ns, index = self._turn.now_ns, running.entry.index
+        if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:
+            return False
+        self._noticed_ns[index, code] = now_ns
+        self._tell([Frame(emcy_id(self._index.node), Emergency(code, 0, ElementKind.MODULE, index, detail).encode())])
+        return True
+
     def _report(self, running: _Running, element: str, detail: int) -> None:
+        if element == DISAGREEMENT:
+            self._notice(running, FaultCode.DISAGREEMENT, detail)
+            return
         found = self._index.elements.get(element)
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
+            if self._notice(running, FaultCode.UNKNOWN_ELEMENT, detail):
+                self._turn.note("fault", f"module {running.entry.name} reports {element}, which the spec does not have")
             return
         if self.has_exclusive_output and not self._output_authorization.allows(self._turn.now_ns):
             self._held_ns = self._turn.now_ns
@@ -392,6 +419,17 @@ class RunningModules:
         frames = self.phase_requests.requested(running.entry.index, index, self._turn.now_ns)
         if frames:
             self._turn.note("phase", f"module {running.entry.name} asks for phase {phase}")
+        self._tell(frames)
+
+    def _request_priority(self, running: _Running, function: str, priority: int) -> None:
+        index = self._index.table.adjustable.get(function)
+        if index is None:
+            self._turn.count("request for a priority that is not to be changed", running.entry.index)
+            return
+        frames = self._priority_requests.requested(running.entry.index, index, priority, self._turn.now_ns)
+        if frames:
+            wanted = "that of the spec" if priority == SPECS_PRIORITY else priority
+            self._turn.note("priority", f"module {running.entry.name} asks for priority {wanted} of {function}")
         self._tell(frames)
 
     def _found(self, code: FaultCode, kind: ElementKind, position: int, detail: int) -> bool:

@@ -87,7 +87,9 @@ def _data_type(table: PeTable, variable: str) -> DataType:
 def _elements(table: PeTable) -> dict[str, tuple[ElementKind, int]]:
     devices = {f"device:{d.name}": (ElementKind.DEVICE, i) for i, d in enumerate(table.devices)}
     modules = {f"module:{name}": (ElementKind.MODULE, i) for i, name in enumerate(table.module_names)}
-    return devices | modules
+    pes = {f"pe:{name}": (ElementKind.PE, i) for i, name in enumerate(table.pe_names)}
+    buses = {f"bus:{name}": (ElementKind.BUS, i) for i, name in enumerate(table.bus_names)}
+    return devices | modules | pes | buses
 
 
 def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:

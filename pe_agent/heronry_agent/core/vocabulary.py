@@ -23,6 +23,7 @@ class Stepped(NamedTuple):
     writes: commands of the module to its device, in order; none has been executed yet.
     reports: (element, detail) of each element that the module reports failed, as `device:NAME` or `module:NAME`.
     phases: mission phases that the module requested, in their order.
+    priorities: (function, priority) of each priority that the module requested; SPECS_PRIORITY: that of the spec.
     spent_ns: duration of the step, without the time in which it waited for a processor.
     """
 
@@ -33,6 +34,7 @@ class Stepped(NamedTuple):
     reports: tuple[tuple[str, int], ...] = ()
     phases: tuple[str, ...] = ()
     spent_ns: int = 0
+    priorities: tuple[tuple[str, int], ...] = ()
 
 
 class Failure(NamedTuple):

@@ -7,14 +7,13 @@ NVersion   compares programs that were written independently, and give one varia
            median is outvoted, and the element that gave it is reported. With two versions it gives the better one
 """
 
-import math
 import statistics
 from collections.abc import Mapping
 from typing import ClassVar
 
 from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.lasting import Lasting
-from heronry_agent.parts.reading import number
+from heronry_agent.parts.reading import is_finite, number
 
 _BLAMING = 3  # versions that must be present for a report
 
@@ -58,7 +57,7 @@ class NVersion(Module):
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compare the versions and give the best one that is not outvoted; no value while there is none."""
-        heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and _is_finite(d.value)}
+        heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and is_finite(d.value)}
         if not heard:
             return {}
         middle = statistics.median(heard.values())
@@ -68,7 +67,3 @@ class NVersion(Module):
                 self.ctx.report_failed(self.authors[version])
         best = min(heard.keys() - outvoted, default=None)
         return {self.output: middle if best is None else heard[best]}
-
-
-def _is_finite(value: Value) -> bool:
-    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -6,7 +6,7 @@ is not a number because its producer is broken. The result is None in all four c
 
 import math
 
-from heronry_agent.module import Inputs
+from heronry_agent.module import Inputs, Value
 
 
 def number(inputs: Inputs, variable: str) -> float | None:
@@ -29,6 +29,11 @@ def numbers(inputs: Inputs, variable: str, count: int) -> tuple[int, ...] | None
     if datum is None or not datum.valid or not isinstance(datum.value, tuple) or len(datum.value) != count:
         return None
     return datum.value
+
+
+def is_finite(value: Value) -> bool:
+    """Tell whether a value is a finite number."""
+    return isinstance(value, (int, float)) and math.isfinite(value)
 
 
 def held(value: float, limit: float) -> float:

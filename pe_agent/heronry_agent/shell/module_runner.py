@@ -21,8 +21,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from heronry_agent.core.vocabulary import Failure
-from heronry_agent.module import Datum, Inputs, Module, Value
+from heronry_agent.module import DISAGREEMENT, Datum, Inputs, Module, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
+from heronry_wire.management import MOST_PRIORITY, SPECS_PRIORITY
 
 _MOST_DETAIL = 0xFFFF
 _LONGEST_MESSAGE = 140  # characters of an exception's message, so that its place fits behind it
@@ -47,6 +48,7 @@ class Result:
     writes: tuple[Value, ...] = ()
     reports: tuple[tuple[str, int], ...] = ()
     phases: tuple[str, ...] = ()
+    priorities: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(slots=True)
@@ -64,6 +66,7 @@ class _Context:
     writes: list[Value] = field(default_factory=list)
     reports: list[tuple[str, int]] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
+    priorities: list[tuple[str, int]] = field(default_factory=list)
 
     def read(self) -> Value | None:
         """Reading of the device when this step began; None when the device did not answer."""
@@ -83,9 +86,22 @@ class _Context:
         """Report to the manager that an element has failed."""
         self.reports.append((str(element), min(max(int(detail), 0), _MOST_DETAIL)))
 
+    def report_disagreement(self, detail: int = 0) -> None:
+        """Tell the manager that two inputs differ."""
+        self.report_failed(DISAGREEMENT, detail)
+
     def request_phase(self, phase: str) -> None:
         """Request a mission phase from the manager."""
         self.phases.append(str(phase))
+
+    def request_priority(self, function: str, priority: int | None) -> None:
+        """Request another priority of a function from the manager; None: that of the spec."""
+        wanted = SPECS_PRIORITY if priority is None else min(max(int(priority), 0), MOST_PRIORITY)
+        self.priorities.append((str(function), wanted))
+
+    def forget(self) -> None:
+        """Begin anew with no command, report or request."""
+        self.writes, self.reports, self.phases, self.priorities = [], [], [], []
 
     def _require_device(self) -> None:
         if not self.has_device:
@@ -145,15 +161,16 @@ class ModuleRunner:
             return Failure("the module was never built")
         code, context, _ = held
         context.now_ns, context.until_ns, context.reading = now_ns, until_ns, reading
-        context.writes, context.reports, context.phases = [], [], []
+        context.forget()
         try:
             outputs: object = code.step(Inputs(inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
-            context.writes, context.reports, context.phases = [], [], []  # they may hold the memory that ran out
+            context.forget()  # what it has collected may hold the memory that ran out
             return failure_of(error, _file_of(type(code)))
         if not isinstance(outputs, dict | Mapping):  # a dict, the usual case, is recognized quickly
             return Failure(f"the module's step gave {type(outputs).__name__}, not a mapping")
-        return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
+        said = tuple(context.reports), tuple(context.phases), tuple(context.priorities)
+        return Result(dict(outputs), tuple(context.writes), *said)
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
         """Carry a kept module over into its new mode, and tell whether it goes on there."""

@@ -236,8 +236,8 @@ class PartitionHost:
             case Done(module, release, ended_ns, result):
                 spent_ns = process.answered(module, release, min(ended_ns, now_ns), self._period_ns(module))
                 if spent_ns is not None:
-                    outputs, writes = result.outputs, result.writes
-                    yield Stepped(module, release, outputs, writes, result.reports, result.phases, spent_ns)
+                    outputs, writes, reports = result.outputs, result.writes, result.reports
+                    yield Stepped(module, release, outputs, writes, reports, result.phases, spent_ns, result.priorities)
                     return
             case Failed(module, release, reason, traceback):
                 if process.answered(module, release, now_ns, NEVER_NS) is not None:

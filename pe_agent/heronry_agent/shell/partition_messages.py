@@ -4,7 +4,7 @@
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
     START   module, orders        START_FAILED module, reason, traceback        only if it failed
     STOP    module, keep                       nothing
-    STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, phases
+    STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, requests
                                   STEP_FAILED  release, reason, traceback
 
 A partition trusts its agent: orders are plain values in the format of Python's `marshal`, whose version is the same at
@@ -144,7 +144,8 @@ class _Layout:
     types: tuple[str, ...]  # of the outputs, then of the writes: a letter, with a length where the type has one
     reports: tuple[str, ...]
     phases: tuple[str, ...]
-    values: struct.Struct  # what follows the layout: the values, and a detail for each report
+    priorities: tuple[str, ...]  # functions
+    values: struct.Struct  # what follows the layout: values, a detail for each report, a number for each priority
     is_plain: bool  # every value is one number
 
 
@@ -184,10 +185,11 @@ def _stepped(answer: Done) -> bytes:
     result = answer.result
     values: Sequence[Value] = (*result.outputs.values(), *result.writes)
     types = tuple([_LETTERS.get(type(value)) or _type(value) for value in values])
-    head, layout = _written(tuple(result.outputs), types, tuple([name for name, _ in result.reports]), result.phases)
+    reports, priorities = tuple([name for name, _ in result.reports]), tuple([name for name, _ in result.priorities])
+    head, layout = _written(tuple(result.outputs), types, reports, result.phases, priorities)
     flat = values if layout.is_plain else _flat(values)
     try:
-        body = layout.values.pack(*flat, *(detail for _, detail in result.reports))
+        body = layout.values.pack(*flat, *(number for _, number in (*result.reports, *result.priorities)))
     except struct.error:
         raise Uncarriable(f"one of {values!r:.60} has more than 64 bits") from None
     return _STEPPED.pack(_Kind.STEPPED, answer.module, answer.release, answer.ended_ns, len(head)) + head + body
@@ -230,19 +232,23 @@ def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
 @lru_cache(_LAYOUTS)
 def _read(head: bytes) -> _Layout:
     reader = _Reader(head)
-    shape = [tuple(reader.list(reader.text)) for _ in range(4)]
+    shape = [tuple(reader.list(reader.text)) for _ in range(5)]
     if reader.at != len(head) or len(shape[0]) > len(shape[1]):
         raise ValueError("its names do not match its types")
     return _layout(*shape)
 
 
 def _layout(
-    outputs: tuple[str, ...], types: tuple[str, ...], reports: tuple[str, ...], phases: tuple[str, ...]
+    outputs: tuple[str, ...],
+    types: tuple[str, ...],
+    reports: tuple[str, ...],
+    phases: tuple[str, ...],
+    priorities: tuple[str, ...],
 ) -> _Layout:
     values = [_NUMBERS.get(kind) or f"{int(kind[1:])}{_SIZED[kind[0]]}" for kind in types]
     is_plain = all(kind in _NUMBERS for kind in types)
-    layout = struct.Struct(f"<{''.join(values)}{len(reports)}H")
-    return _Layout(outputs, types, reports, phases, layout, is_plain)
+    layout = struct.Struct(f"<{''.join(values)}{len(reports) + len(priorities)}H")
+    return _Layout(outputs, types, reports, phases, priorities, layout, is_plain)
 
 
 def _other(answer: Loaded | StartRefused | Failed) -> bytes:
@@ -281,9 +287,10 @@ def _done(packet: bytes) -> Done:
     values = numbers[: len(layout.types)] if layout.is_plain else tuple(_values(layout.types, iter(numbers)))
     count = len(layout.outputs)
     outputs = dict(zip(layout.outputs, values, strict=False))
-    details = numbers[len(numbers) - len(layout.reports) :]
-    reports = tuple(zip(layout.reports, details, strict=True))
-    return Done(module, release, ended_ns, Result(outputs, values[count:], reports, layout.phases))
+    said = numbers[len(numbers) - len(layout.reports) - len(layout.priorities) :]
+    reports = tuple(zip(layout.reports, said, strict=False))
+    priorities = tuple(zip(layout.priorities, said[len(reports) :], strict=True))
+    return Done(module, release, ended_ns, Result(outputs, values[count:], reports, layout.phases, priorities))
 
 
 def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:

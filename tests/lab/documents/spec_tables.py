@@ -8,6 +8,7 @@ import yaml
 from pydantic.fields import FieldInfo
 
 from heronry_dg import expression_reader, quantities, reference_rules, schema, yaml_source
+from heronry_dg.field_types import MOST_POINTS, MOST_VERSIONS, NAME_PATTERN
 from lab.documents.markdown import code, table
 
 _FORMS: dict[str, tuple[str, type[schema.Form]]] = {
@@ -55,12 +56,12 @@ def limits() -> str:
         ("file", f"{yaml_source.MOST_BYTES} bytes"),
         ("values in the file", f"{yaml_source.MOST_NODES}"),
         ("nesting", f"{yaml_source.MOST_LEVELS} levels"),
-        ("name", f"{code(schema.NAME_PATTERN)}"),
+        ("name", f"{code(NAME_PATTERN)}"),
         ("inputs of one gate, or of one mode, with named gates written out", f"{expression_reader.MOST_LEAVES}"),
         ("inputs of all modes together", f"{expression_reader.MOST_LEAVES_OF_ALL}"),
         ("gates inside each other", f"{expression_reader.DEEPEST} levels"),
-        ("versions of a variable", f"{schema.MOST_VERSIONS}"),
-        ("a priority, a value, a worth", f"{schema.MOST_POINTS}"),
+        ("versions of a variable", f"{MOST_VERSIONS}"),
+        ("a priority, a value, a worth", f"{MOST_POINTS}"),
         ("CPU", f"{quantities.MOST_CORES} reference cores"),
         ("memory", f"{quantities.LARGEST_MEMORY >> 30} GiB"),
         ("rate", f"{quantities.MOST_HZ} Hz"),

@@ -200,23 +200,23 @@ class Milp:
         return list(dict.fromkeys(frozenset(b for b in up if bus not in (left.route(a, b) or ())) for a in up))
 
     def _levels(self) -> Iterator[Terms]:
-        phase, functions = self.possible.phase, self.possible.spec.functions.values()
+        phase, functions = self.possible.now.phase, self.possible.spec.functions.values()
         for criticality in CRITICAL_CLASSES:
             worth: Counter[int] = Counter()
             for function in functions:
                 if function.criticality_in(phase) == criticality:
                     for variable in self._serving(function):
-                        worth[variable] += function.priority_in(phase)
+                        worth[variable] += self.possible.now.priority_of(function)
             yield sorted(worth.items())
         worth = Counter()
         for function in functions:
             for variable, value in self._serving(function).items():
-                worth[variable] += function.priority_in(phase) * value
+                worth[variable] += self.possible.now.priority_of(function) * value
         yield sorted(worth.items())
 
     def _serving(self, function: Function) -> dict[int, int]:
         """Give variables of which one is 1 when a wanted function is served, each with the value of that service."""
-        wanted = function.priority_in(self.possible.phase) > 0
+        wanted = self.possible.now.priority_of(function) > 0
         modules = [self.possible.spec.modules[output] for output in function.outputs if wanted]
         return {
             variable: function.value_of(module.mode_index(mode), len(module.modes))

@@ -44,6 +44,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="share that is left of a capacity")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    parser.add_argument("--priority", metavar="FUNCTION=N", action="append", help="a changed priority; may be repeated")
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")
     add_output(parser, "write the messages as JSON")
     parser.set_defaults(run=run)
@@ -84,7 +85,7 @@ def _planned(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, C
         return _given(spec, arguments)
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
 
-    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
     return now, plan(spec, now).configuration
 
 

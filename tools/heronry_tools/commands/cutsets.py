@@ -13,7 +13,7 @@ from heronry_tools.console.output import add_output
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
-    from heronry_manager.planner.sweep import FaultSet, Phase, Scope
+    from heronry_manager.planner.sweep import FaultSet, Scope
     from heronry_tools.analysis.campaign.cut_sets import CutSets
 
 _EPILOG = """\
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.given_up:
         left_out = given_up(function, found, phase, _swept(spec, scope, jobs))
     report = _json if arguments.json else _text
-    sys.stdout.write(report(spec, found, phase, left_out))
+    sys.stdout.write(report(spec, found, scope, left_out))
     return 0
 
 
@@ -99,34 +99,35 @@ def _swept(spec: "Spec", scope: "Scope", jobs: int) -> Any:
         return sweep(spec, scope, executor).outcomes
 
 
-def _text(spec: "Spec", found: "CutSets", phase: "Phase", left_out: "list[FaultSet] | None") -> str:
+def _text(spec: "Spec", found: "CutSets", scope: "Scope", left_out: "list[FaultSet] | None") -> str:
     lines = [f"{found.function} of {spec.name}: sets of up to {found.order}"]
-    lines += ["", f"logical: {_counted(spec, found.logical)}", *map(_set_line, found.logical)]
+    lines += ["", f"logical: {_counted(spec, found.logical, scope)}", *map(_set_line, found.logical)]
     more = [down for down in found.resources if down not in found.logical]
-    lines += ["", f"resource-aware: {_beyond_logic(spec, found, len(more))}", *map(_set_line, more)]
+    lines += ["", f"resource-aware: {_beyond_logic(spec, found, len(more), scope)}", *map(_set_line, more)]
     if left_out is not None:
+        (phase,) = scope.phases
         where = f" in {phase}" if phase is not None else ""
-        lines += ["", f"given up by the best plan{where}: {_counted(spec, left_out)}", *map(_set_line, left_out)]
+        lines += ["", f"given up by the best plan{where}: {_counted(spec, left_out, scope)}", *map(_set_line, left_out)]
     return "\n".join(lines) + "\n"
 
 
-def _beyond_logic(spec: "Spec", found: "CutSets", more: int) -> str:
+def _beyond_logic(spec: "Spec", found: "CutSets", more: int, scope: "Scope") -> str:
     from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
 
     if not found.logical or frozenset() in found.resources:
-        return _counted(spec, found.resources)
+        return _counted(spec, found.resources, scope)
     if not more:
         return "the same sets"
-    chance = likelihood(spec, found.resources)
+    chance = likelihood(spec, found.resources, scope)
     return f"{more} more set{'s' * (more != 1)}" + (f", with the logical ones {chance}" if chance is not None else "")
 
 
-def _counted(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> str:
+def _counted(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]", scope: "Scope") -> str:
     from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
 
     if frozenset() in sets:
         return "with nothing down at all"
-    chance = likelihood(spec, sets)
+    chance = likelihood(spec, sets, scope)
     return f"{len(sets) or 'no'} set{'s' * (len(sets) != 1)}" + (f", {chance}" if chance is not None else "")
 
 
@@ -134,26 +135,27 @@ def _set_line(down: "FaultSet") -> str:
     return f"  {', '.join(sorted(down)) or 'nothing down'}"
 
 
-def _json(spec: "Spec", found: "CutSets", phase: "Phase", left_out: "list[FaultSet] | None") -> str:
+def _json(spec: "Spec", found: "CutSets", scope: "Scope", left_out: "list[FaultSet] | None") -> str:
     document: dict[str, Any] = {
         "spec": spec.name,
         "digest": spec.digest,
         "function": found.function,
         "order": found.order,
-        "logical": _sets_json(spec, found.logical),
-        "resources": _sets_json(spec, found.resources),
+        "logical": _sets_json(spec, found.logical, scope),
+        "resources": _sets_json(spec, found.resources, scope),
     }
     if left_out is not None:
-        document["given_up"] = {"phase": phase, **_sets_json(spec, left_out)}
+        document["given_up"] = {"phase": scope.phases[0], **_sets_json(spec, left_out, scope)}
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
 
 
-def _sets_json(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> dict[str, Any]:
+def _sets_json(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]", scope: "Scope") -> dict[str, Any]:
     from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
 
-    chance = likelihood(spec, sets)
+    chance = likelihood(spec, sets, scope)
     return {
         "sets": [sorted(down) for down in sets],
         "per_h": None if chance is None else chance.per_h,
+        "at_most_per_h": None if chance is None else chance.at_most_per_h,
         "complete": None if chance is None else chance.complete,
     }

@@ -1,4 +1,4 @@
-"""`heronry status`, `traceback`, `phase`, `fail`, `clear`, `unlock`: the operator's orders to a manager here."""
+"""`heronry status`, `traceback`, `phase`, `priority`, `fail`, `clear`, `unlock`: orders to a manager here."""
 
 import argparse
 import json
@@ -17,6 +17,12 @@ examples:
 _PHASE_EPILOG = """\
 examples:
   heronry phase landing                the functions of this phase are wanted from now on: plan for them
+"""
+_PRIORITY_EPILOG = """\
+examples:
+  heronry priority imaging 90          the priority of the imaging is 90 in every phase that wants it
+  heronry priority imaging 0           ... it is not wanted
+  heronry priority imaging default     ... and the spec's again; modules may request others again
 """
 _FAIL_EPILOG = """\
 examples:
@@ -48,6 +54,10 @@ def add_parsers(subparsers: Any) -> None:
     phase = _parser(subparsers, "phase", "enter another mission phase", _PHASE_EPILOG)
     phase.add_argument("what", metavar="NAME", help="a phase of the spec")
     add_json(phase)
+    priority = _parser(subparsers, "priority", "change the priority of a function", _PRIORITY_EPILOG)
+    priority.add_argument("what", metavar="FUNCTION", help="a function of the spec")
+    priority.add_argument("to", metavar="N|default", type=_priority, help="0 to 32767, or default: that of the spec")
+    add_json(priority)
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
         ("clear", "count an element as working again", _CLEAR_EPILOG),
@@ -83,6 +93,14 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
     return parser
 
 
+def _priority(text: str) -> int | str:
+    if text == "default":
+        return text
+    if not text.isascii() or not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is no priority; write a whole number from 0, or default")
+    return int(text)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Give the order; returns 0 if it is carried out, 1 if the manager refuses."""
     from heronry_manager.core.vocabulary import (  # noqa: PLC0415
@@ -91,6 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         ClearElement,
         EnterPhase,
         FailElement,
+        SetPriority,
         UnlockPe,
     )
     from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415 - keeps `heronry plan` quick
@@ -108,7 +127,10 @@ def run(arguments: argparse.Namespace) -> int:
         "unlock": UnlockPe,
         "traceback": AskTraceback,
     }
-    answer = call(path, orders[arguments.order](arguments.what))
+    if arguments.order == "priority":
+        answer = call(path, SetPriority(arguments.what, None if arguments.to == "default" else arguments.to))
+    else:
+        answer = call(path, orders[arguments.order](arguments.what))
     if arguments.json:
         print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
     elif answer.done:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _SITUATIONS = """\
 An element that can be down is pe:NAME, device:NAME, module:NAME, bus:NAME or channel:BUS.1 (of a replicated bus).
 A reduced capacity is written bus:NAME=40% or pe:NAME=50%: so much of it is left.
+A changed priority is written FUNCTION=N: it replaces the spec's in every phase that wants the function.
 """
 
 _PLAN_EPILOG = f"""\
@@ -32,6 +33,7 @@ examples:
   heronry plan elevator_and_chute --down device:gps          ... but the GPS
   heronry plan big_blue --down pe:nav --down bus:radio       a computer and the radio are down
   heronry plan big_blue --limit bus:radio=40% --phase glide  a bad radio link, while gliding
+  heronry plan big_blue --priority imaging=90                if the priority of the imaging were 90
   heronry plan big_blue -o now.json                          the plan as JSON, to keep and to compare
   heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it,
                                                              and the way there: which modules stop before which start
@@ -97,6 +99,9 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
     parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    parser.add_argument(
+        "--priority", metavar="FUNCTION=N", action="append", help="a changed priority, 0 to 32767; may be repeated"
+    )
 
 
 def run_plan(arguments: argparse.Namespace) -> int:
@@ -107,7 +112,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     from heronry_tools.reports.plan import print_plan  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
     text = read_text(arguments.running) if arguments.running else None
     with errors_name(arguments.running):
         running = read_running(text, spec) if text is not None else None

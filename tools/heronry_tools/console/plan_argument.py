@@ -19,12 +19,13 @@ def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Sit
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
 
-    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase, arguments.priority or ())
     planned = read_situation(plan, spec)
     return Situation(
         down=planned.down if arguments.down is None else said.down,
         limits=planned.limits if arguments.limit is None else said.limits,
         phase=planned.phase if arguments.phase is None else said.phase,
+        priorities=planned.priorities if arguments.priority is None else said.priorities,
     )
 
 

@@ -53,7 +53,7 @@ def _tables(spec: Spec, plan: Plan) -> Iterator[Table]:
 def _function_rows(spec: Spec, plan: Plan) -> Iterator[Sequence[Cell]]:
     for name, report in plan.functions.items():
         function = spec.functions[name]
-        rank, priority = function.criticality_in(plan.now.phase), function.priority_in(plan.now.phase)
+        rank, priority = function.criticality_in(plan.now.phase), plan.now.priority_of(function)
         if report.served:
             output = next(module for module in function.outputs if module in plan.configuration.modules)
             yield name, rank, str(priority), report.mode or "", str(report.value), f"served by {output}"

@@ -58,8 +58,17 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     for channel, lacking in status["channels"].items():
         if lacking:
             yield f"! channel:{channel} carries nothing, as {', '.join(lacking)} report; the other channel works"
+    yield from _told_without_a_fault(status)
     for phase in status["unwatched"]:
         yield f"! no running module gives the variable that requests phase {phase}"
+
+
+def _told_without_a_fault(status: Mapping[str, Any]) -> Iterator[str]:
+    words = {"operator": "the operator", "module": "a module"}
+    for told in status["disagreements"]:
+        yield f"! two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
+    for name, changed in status["priorities"].items():
+        yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
 
 
 def _pes(pes: Mapping[str, Any]) -> Iterator[str]:

@@ -42,10 +42,11 @@ class Greedy:
     """The greedy planner of one spec."""
 
     def __init__(self, spec: Spec) -> None:
-        """Compute everything that does not depend on faults: some milliseconds."""
-        self._tables = tables_of(spec)
-        self._scenery = Scenery(self._tables)
-        self._punctuality = Punctuality(self._tables)
+        """Compute everything that does not depend on faults: some milliseconds for each set of inputs that is open."""
+        closed = {phase: _closed(spec, phase) for phase in (None, *spec.phases)}
+        phase_of = {inputs: phase for phase, inputs in closed.items()}
+        prepared = {inputs: _Prepared(spec.in_phase(phase)) for inputs, phase in phase_of.items()}
+        self._prepared = {phase: prepared[inputs] for phase, inputs in closed.items()}
 
     def plan(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration, not proven to be the best.
@@ -53,8 +54,33 @@ class Greedy:
         now: a situation of this spec. running: the running configuration, which the plan keeps where that costs no
         function anything; None: none is known.
         """
+        return self._prepared[now.phase].plan(now, running)
+
+
+def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
+    """Give the inputs (module, mode, path) that are not to be wired in a phase."""
+    return frozenset(
+        (module.name, mode.name, path)
+        for module in spec.modules.values()
+        for mode in module.modes.values()
+        for path, leaf in mode.leaves()
+        if not leaf.is_open_in(phase)
+    )
+
+
+class _Prepared:
+    """The greedy planner of the phases that have the same inputs open."""
+
+    def __init__(self, spec: Spec) -> None:
+        """`spec`: with the other inputs closed."""
+        self._tables = tables_of(spec)
+        self._scenery = Scenery(self._tables)
+        self._punctuality = Punctuality(self._tables)
+
+    def plan(self, now: Situation, running: Placement | None) -> Plan:
+        """Do what `Greedy.plan` does, in one of these phases."""
         scene = self._scenery.scene(now)
-        wanted = self._tables.wanted(now.phase)
+        wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))
         return plan_of(repair.draft, self._tables, wanted, now, running)
 

@@ -1,7 +1,7 @@
 """The tables of the greedy planner: a spec in integers, worked out once.
 
-The tables depend on the spec and the phase alone; a `Scene` has what depends on faults. The parts are made in this
-order, each from the parts before it:
+The tables depend on the spec, the phase and changed priorities alone; a `Scene` has what depends on faults. The parts
+are made in this order, each from the parts before it:
 
     numbering        the number of each element
     sizes            the resources of modes and PEs, where a mode could run
@@ -9,12 +9,13 @@ order, each from the parts before it:
     orders           the order in which these are tried
     placement_rules  rules between modules
     routes           buses
-    wanted           the functions of a phase
+    wanted           the functions of a phase, with their priorities
 """
 
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
 from heronry_manager.planner.greedy.leaves import Leaves, numbered_leaves
 from heronry_manager.planner.greedy.numbering import Numbering, numbered
 from heronry_manager.planner.greedy.orders import Orders, ordered
@@ -36,11 +37,16 @@ class Tables:
     routes: Routes
     _wanted: dict[str | None, Wanted] = field(default_factory=dict)
 
-    def wanted(self, phase: str | None) -> Wanted:
-        """Give the wanted functions of a phase; they are worked out once."""
-        if phase not in self._wanted:
-            self._wanted[phase] = wanted_in(self.numbers, self.orders.price, phase)
-        return self._wanted[phase]
+    def wanted(self, now: Situation) -> Wanted:
+        """Give the wanted functions of a situation; those of a phase are worked out once, under the spec's priorities.
+
+        Changed priorities are not kept, since there is no end of them.
+        """
+        if now.priorities:
+            return wanted_in(self.numbers, self.orders.price, now)
+        if now.phase not in self._wanted:
+            self._wanted[now.phase] = wanted_in(self.numbers, self.orders.price, now)
+        return self._wanted[now.phase]
 
 
 def tables_of(spec: Spec) -> Tables:

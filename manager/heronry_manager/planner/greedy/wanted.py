@@ -1,10 +1,11 @@
-"""The functions that a phase wants, in the order in which they are served, and the worth of their modes."""
+"""The functions that a situation wants, in the order in which they are served, and the worth of their modes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.model import CRITICALITIES, Function
 from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_dg.situation import Situation
 from heronry_manager.planner.greedy.numbering import Numbering
 
 
@@ -21,7 +22,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """The functions that a phase wants, and the worth of their output modes."""
+    """The functions that a situation wants, and the worth of their output modes."""
 
     goals: tuple[Goal, ...]  # most important first
     outputs: int  # set of modules that serve by running
@@ -35,10 +36,10 @@ class Wanted:
         return sum(weight[modes[module]] for module in self.output_modules if modes[module] >= 0)
 
 
-def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wanted:
-    """Work out the wanted functions of a phase; `price`: of each mode."""
-    appraiser = _Appraiser(numbers, phase)
-    functions = [one for one in numbers.spec.functions.values() if one.priority_in(phase) > 0]
+def wanted_in(numbers: Numbering, price: Sequence[int], now: Situation) -> Wanted:
+    """Work out the wanted functions of a situation, by its phase and priorities; `price`: of each mode."""
+    appraiser = _Appraiser(numbers, now)
+    functions = [one for one in numbers.spec.functions.values() if now.priority_of(one) > 0]
     goals = sorted(map(appraiser.goal, functions), key=lambda goal: _urgency(goal, price))
     worth = {
         mode: sum(appraiser.utility(one, mode) for one in functions)
@@ -62,18 +63,18 @@ def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wa
 
 
 class _Appraiser:
-    """Computes the worth of functions in a phase."""
+    """Computes the worth of functions in a situation."""
 
-    def __init__(self, numbers: Numbering, phase: str | None) -> None:
-        self._numbers, self._phase = numbers, phase
+    def __init__(self, numbers: Numbering, now: Situation) -> None:
+        self._numbers, self._now = numbers, now
 
     def goal(self, function: Function) -> Goal:
         """Give the goal for a function."""
         modes = self.output_modes(function)
         return Goal(
             name=function.name,
-            rank=CRITICALITIES.index(function.criticality_in(self._phase)),
-            priority=function.priority_in(self._phase),
+            rank=CRITICALITIES.index(function.criticality_in(self._now.phase)),
+            priority=self._now.priority_of(function),
             outputs=tuple(self._numbers.module_number[name] for name in function.outputs),
             modes=tuple(sorted(modes, key=lambda mode: -self.utility(function, mode))),
         )
@@ -89,7 +90,7 @@ class _Appraiser:
         if numbers.modules[module].name not in function.outputs:
             return 0
         modes = numbers.modes_of[module]
-        return function.priority_in(self._phase) * function.value_of(modes.index(mode), len(modes))
+        return self._now.priority_of(function) * function.value_of(modes.index(mode), len(modes))
 
 
 def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:

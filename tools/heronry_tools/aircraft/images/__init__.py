@@ -67,6 +67,9 @@ CATALOGUE: Mapping[str, str] = {
     **_in("servo_monitor", elevator_monitor="ElevatorMonitor", servo_monitor="ServoMonitor"),
     **_in(
         "redundancy",
+        comparator_better="PitchBetter",
+        comparator_none="PitchNone",
+        comparator_safer="PitchSafer",
         elevator_follows="ElevatorFollows",
         elevator_limiter="ElevatorLimiter",
         pitch_versions="PitchVersions",

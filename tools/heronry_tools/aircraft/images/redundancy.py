@@ -1,6 +1,7 @@
 """One module of each kind in `heronry_agent.parts`, with the variable names of the example specs."""
 
 from heronry_agent.parts.choosers import FailOver, NVersion
+from heronry_agent.parts.comparators import ComparatorBetter, ComparatorNone, ComparatorSafer
 from heronry_agent.parts.limiter import RateLimiter
 from heronry_agent.parts.monitors import ActuatorMonitor, StuckSensorMonitor
 from heronry_agent.parts.voters import MajorityVoter, MedianVoter
@@ -31,6 +32,24 @@ class PitchVersions(NVersion):
 
     variable, output, tolerance = "pitch_angle", "checked_pitch", 5.0
     authors = {1: "module:gyro_attitude", 2: "module:horizon_attitude"}  # noqa: RUF012 - a ClassVar of NVersion
+
+
+class PitchBetter(ComparatorBetter):
+    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is told."""
+
+    variable, output, limit = "pitch_angle", "checked_pitch", 5.0
+
+
+class PitchSafer(ComparatorSafer):
+    """The better of two pitch angles, in degrees; while they differ by more than 5 degrees, the one nearer to level."""
+
+    variable, output, limit = "pitch_angle", "checked_pitch", 5.0
+
+
+class PitchNone(ComparatorNone):
+    """The better of two pitch angles, in degrees; none while they differ by more than 5 degrees."""
+
+    variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
 
 class ElevatorLimiter(RateLimiter):

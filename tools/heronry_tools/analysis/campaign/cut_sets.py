@@ -38,7 +38,9 @@ class CutSets:
 
 
 def cut_sets(spec: Spec, function: str, scope: Scope, advance: Callable[[int], None] = lambda _: None) -> CutSets:
-    """Find all cut sets of a function up to the scope's number of faults; `advance` counts the sets examined."""
+    """Find all cut sets of a function in the scope's one phase; `advance` counts the sets examined."""
+    (phase,) = scope.phases
+    spec = spec.in_phase(phase)
     logical, resources = (
         tuple(_smallest(Servable(planned, function), scope, advance)) for planned in (without_limits(spec), spec)
     )

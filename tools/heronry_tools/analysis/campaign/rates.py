@@ -1,28 +1,48 @@
-"""The likelihood of faults: from `rate_per_h`, to first order.
+"""The likelihood of a loss within one hour, from `rate_per_h`: a proven lower bound, and an upper one where possible.
 
-The probability that a set of faults occurs within one hour is about the product of their rates. The probability that a
-function is lost is about the sum over the smallest sets that lose it. Both are slightly too large (rates are small, and
-sets overlap), so they are upper bounds as long as every rate is given. Where a rate is missing, the result is a lower
-bound, and is marked as one.
+Elements fail independently. One with rate r fails within the hour with the probability 1 - exp(-r), which is at most r.
+A function is lost when all elements of some set fail; only sets up to the scope's number of faults (its *order*) are
+known.
+
+    at least   some known set fails: the sum over the sets, less the sum over all pairs of them (Bonferroni), or the
+               likeliest set alone. Sets with an element without a rate are left out. For sets that the best plan gives
+               up this assumes that a further fault does not bring the function back
+    at most    the sum over the known sets, and the probability that more elements fail than the order. Not known where
+               an element of the scope has no rate
+
+The distance of the two shows what the order leaves open.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from math import prod
+from itertools import combinations
+from math import expm1, prod
 
 from heronry_dg.model import Spec
+from heronry_manager.planner.sweep import Scope
+
+_MOST_PAIRED = 300  # the likeliest sets; fewer sets make the lower bound lower, and never wrong
 
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Probability within one hour; incomplete where sets without a rate are left out of it."""
+    """Bounds of a probability within one hour; `at_most_per_h`: None where it is not known."""
 
-    per_h: float
-    complete: bool
+    per_h: float  # at least
+    at_most_per_h: float | None
+
+    @property
+    def complete(self) -> bool:
+        """Tell whether every element has a rate, so that there is an upper bound."""
+        return self.at_most_per_h is not None
 
     def __str__(self) -> str:
-        return f"{'' if self.complete else 'at least '}{self.per_h:.1e} per hour"
+        low = f"{self.per_h:.1e}"
+        if self.at_most_per_h is None:
+            return f"at least {low} per hour"
+        high = f"{self.at_most_per_h:.1e}"
+        return f"{low} per hour" if low == high else f"{low} to {high} per hour"
 
 
 def rate_of(spec: Spec, element: str) -> Fraction | None:
@@ -41,14 +61,38 @@ def rate_of(spec: Spec, element: str) -> Fraction | None:
             return None
 
 
-def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]]) -> Likelihood | None:
-    """Probability that all elements of some set fail within one hour; None where no set has all its rates."""
-    total, known, unknown = Fraction(0), 0, 0
-    for faults in fault_sets:
-        rates = [rate_of(spec, element) for element in faults]
-        given = [rate for rate in rates if rate is not None]
-        if len(given) == len(rates):
-            total, known = total + prod(given, start=Fraction(1)), known + 1
-        else:
-            unknown += 1
-    return Likelihood(float(total), complete=unknown == 0) if known else None
+def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -> Likelihood | None:
+    """Bound the probability that a function is lost within one hour; None where no set has all its rates.
+
+    fault_sets: the smallest sets of the scope that lose it.
+    """
+    rates = {element: rate for element in scope.elements if (rate := rate_of(spec, element)) is not None}
+    sets = list(fault_sets)
+    rated = [faults for faults in sets if rates.keys() >= faults]
+    if not rated:
+        return None
+    most = None
+    if len(rates) == len(scope.elements):
+        known = sum(prod((rates[element] for element in faults), start=Fraction(1)) for faults in rated)
+        most = min(1.0, float(known + _more_than(scope.faults, rates.values())))
+    return Likelihood(_at_least({element: -expm1(-float(rate)) for element, rate in rates.items()}, rated), most)
+
+
+def _at_least(chances: dict[str, float], sets: Iterable[frozenset[str]]) -> float:
+    """Give a lower bound of the probability that all elements of some set fail."""
+
+    def chance(faults: Iterable[str]) -> float:
+        return prod(chances[element] for element in faults)
+
+    likeliest = sorted(sets, key=lambda faults: (-chance(faults), sorted(faults)))[:_MOST_PAIRED]
+    both = sum(chance(one | other) for one, other in combinations(likeliest, 2))
+    return max(chance(likeliest[0]), sum(map(chance, likeliest)) - both)
+
+
+def _more_than(order: int, rates: Collection[Fraction]) -> Fraction:
+    """Bound the probability that more than `order` elements fail: the sum over all sets of one element more."""
+    sums = [1.0] + [0.0] * (order + 1)  # over the elements so far: of all products of 0, 1, ... rates
+    for rate in rates:
+        for size in range(order + 1, 0, -1):
+            sums[size] += sums[size - 1] * float(rate)
+    return Fraction(sums[order + 1])

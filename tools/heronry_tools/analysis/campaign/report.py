@@ -101,6 +101,7 @@ def _phase_json(one: PhaseSurvey) -> dict[str, object]:
                 "lost": [grade.lost[name] for grade in one.grades],
                 "single_points": list(one.single_points[name]),
                 "loss_per_h": one.likelihoods[name].per_h if name in one.likelihoods else None,
+                "loss_at_most_per_h": one.likelihoods[name].at_most_per_h if name in one.likelihoods else None,
                 "loss_is_complete": one.likelihoods[name].complete if name in one.likelihoods else None,
             }
             for name, level in one.wanted.items()

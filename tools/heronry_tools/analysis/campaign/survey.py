@@ -61,7 +61,7 @@ def _phase_survey(
         for name in _unserved(wanted, outcomes[phase, down]):
             losing[name].append(down)
     smallest = {name: minimal(sets) for name, sets in losing.items()}
-    found = {name: likelihood(spec, sets) for name, sets in smallest.items() if frozenset() not in sets}
+    found = {name: likelihood(spec, sets, scope) for name, sets in smallest.items() if frozenset() not in sets}
     return PhaseSurvey(
         phase=phase,
         wanted={name: function.criticality_in(phase) for name, function in wanted.items()},

@@ -68,6 +68,7 @@ class Planning:
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
         self._plans: dict[Phase, Plan] = {}
+        self._of_phase: dict[Phase, Planning] = {}
         self._known: list[
             tuple[Configuration, frozenset[str]]
         ] = []  # configurations found so far, each with the elements that it uses
@@ -76,6 +77,13 @@ class Planning:
     def times(self) -> ResponseTimes:
         """Response times on the buses of the spec."""
         return ResponseTimes(self.spec)
+
+    def in_phase(self, phase: Phase) -> "Planning":
+        """Give the one for the spec of a phase, in which inputs of other phases are closed; this one if none is."""
+        planned = self.spec.in_phase(phase)
+        if planned is self.spec:
+            return self
+        return self._of_phase.setdefault(phase, Planning(planned))
 
     def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
         """Tell which of some functions could be served, if each module had its PE to itself."""

@@ -55,6 +55,9 @@ def single_elements(spec: Spec) -> Iterator[str]:
 def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
     """Give the critical functions of those phases in which all of them are served with everything up."""
     by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
+    if _differs_by_phase(planning, by_phase):
+        fits = {phase: planning.in_phase(phase).all_at_once(names) for phase, names in by_phase.items()}
+        return {phase: names for phase, names in by_phase.items() if fits[phase].configuration is not None}
     if planning.all_at_once(frozenset[str]().union(*by_phase.values())).configuration is not None:
         return by_phase
     return {phase: names for phase, names in by_phase.items() if planning.all_at_once(names).configuration is not None}
@@ -62,6 +65,10 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
 
 def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
     """List the critical functions that a fault loses, in the spec's order."""
+    if _differs_by_phase(planning, critical):
+        each = {phase: _lost_in(planning.in_phase(phase), phase, wanted, down) for phase, wanted in critical.items()}
+        lost = {name: tuple(phase for phase in critical if name in each[phase]) for name in planning.spec.functions}
+        return {name: at for name, at in lost.items() if at}
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
     if planning.all_at_once(possible, down).configuration is None:
@@ -70,6 +77,18 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
                 gone[phase] = planning.unserved(wanted, phase, down)
     by_function = {name: tuple(phase for phase in critical if name in gone[phase]) for name in planning.spec.functions}
     return {name: at for name, at in by_function.items() if at}
+
+
+def _differs_by_phase(planning: Planning, by_phase: Mapping[Phase, frozenset[str]]) -> bool:
+    """Tell whether some input is closed in one of the phases."""
+    return any(planning.in_phase(phase) is not planning for phase in by_phase)
+
+
+def _lost_in(planning: Planning, phase: Phase, wanted: frozenset[str], down: frozenset[str]) -> frozenset[str]:
+    """Give the critical functions that a fault loses in a phase."""
+    possible = planning.possible(wanted, down)
+    fits = planning.all_at_once(possible, down).configuration is not None
+    return wanted - possible if fits else planning.unserved(wanted, phase, down)
 
 
 def device_of(spec: Spec, element: str) -> str:

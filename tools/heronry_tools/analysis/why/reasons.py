@@ -25,6 +25,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.plan_report import FunctionReport
 from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
+from heronry_manager.planner.explain import explained
 from heronry_tools.analysis.check.servable import PLENTY, Planning
 from heronry_tools.analysis.why.assumptions import (
     CAPACITIES,
@@ -68,13 +69,13 @@ class Explanation:
 def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
     """Explain how a function is served in a situation, with the phase's fault-free plan running."""
     healthy = plan(spec, Situation(phase=now.phase))
-    found = plan(spec, now, placement(healthy.configuration)) if now.down else healthy
+    found = explained(spec, plan(spec, now, placement(healthy.configuration)) if now.down else healthy)
     report = found.functions[function.name]
     best_value = max(
         function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs
     )  # modes are listed best first
     unknown = Explanation(function, now, report, best_value, (), ())
-    if function.priority_in(now.phase) == 0 or (report.served and report.value >= best_value):
+    if now.priority_of(function) == 0 or (report.served and report.value >= best_value):
         return unknown
     question = _question(spec, found, function, best_value if report.served else 0)
     every = assumptions(question, function.name)
@@ -95,7 +96,7 @@ def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
 
 def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
     others = {name: report.value for name, report in found.functions.items() if report.served}
-    return Question(spec, found.now.down, {**others, function.name: least})
+    return Question(spec.in_phase(found.now.phase), found.now.down, {**others, function.name: least})
 
 
 def _is_possible(question: Question) -> bool:

@@ -7,6 +7,7 @@ out of the DEMUX. With a function given, the graph has only what may contribute 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from heronry_dg.findings import listed
 from heronry_dg.gates import Expression, Leaf, child_path, words
 from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_tools.reports.render.graph import Cell, Edge, Graph, Node
@@ -154,7 +155,8 @@ class _Builder:
 
 
 def accepted_versions(spec: Spec, leaf: Leaf) -> str:
-    """Write the versions that an input accepts, as a spec writes them; an empty text where it accepts all."""
+    """Write the versions that an input accepts, and its phases; an empty text where it always accepts all."""
+    phases = f" only in {listed(sorted(leaf.only_in))}" if leaf.only_in is not None else ""
     if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
-        return ""
-    return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"
+        return phases
+    return (f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}") + phases

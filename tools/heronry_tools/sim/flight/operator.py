@@ -11,13 +11,13 @@ with `insist`. A manager that has restarted with its journal is told nothing aga
 from heronry_dg.losses import lost_elements
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
-from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Reply
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Reply, SetPriority
 from heronry_tools.sim.flight.managers import Managers
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 
-Order = EnterPhase | FailElement | ClearElement
+Order = EnterPhase | SetPriority | FailElement | ClearElement
 
 _AGAIN_NS = 100_000_000
 _AWAY = ("down", "returning")
@@ -53,6 +53,8 @@ class Operator:
             self._is_well(order.element, term)
         elif isinstance(order, EnterPhase):
             self._checks.ordered(self._clock.now_ns, order.phase, term)
+        elif isinstance(order, SetPriority):
+            self._checks.set_priority(self._clock.now_ns, order.function, order.priority)
         return reply
 
     def clear(self, element: str) -> None:

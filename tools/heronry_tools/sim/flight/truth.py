@@ -23,14 +23,14 @@ class Truth:
 
     @property
     def situation(self) -> Situation:
-        """The elements that are down, and the phase that was requested last."""
+        """The elements that are down, the phase that was requested last, and the priorities that the manager tells."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
             if element in self.excusable or self._waivers.cover(REPORTS, t_ns)
         }
         down = frozenset(self._down | self._cut | self.declared.keys() | excused)
-        return Situation(down, {}, self._checks.phase)
+        return Situation(down, {}, self._checks.phase, self._checks.priorities)
 
     def failed(self, element: str) -> None:
         """Note that an element has failed; it no longer counts as cut off."""

@@ -17,7 +17,16 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
 from heronry_wire.management import ElementKind, Emergency, decode_emergency
 
-_REPORTS_NO_FAULT = ("RESET", "PHASE_REQUEST", "MODULE_RESTARTED", "CHANNEL_LOST", "CHANNEL_BACK")
+_REPORTS_NO_FAULT = (
+    "RESET",
+    "PHASE_REQUEST",
+    "PRIORITY_REQUEST",
+    "DISAGREEMENT",
+    "UNKNOWN_ELEMENT",
+    "MODULE_RESTARTED",
+    "CHANNEL_LOST",
+    "CHANNEL_BACK",
+)
 
 
 class BlameCheck(Oracle):
@@ -57,6 +66,8 @@ class BlameCheck(Oracle):
     def _reported_by(self, sent: Sent) -> tuple[str | None, int]:
         emergency = decode_emergency(sent.frame.data)
         if isinstance(emergency, Malformed) or emergency.code.name in _REPORTS_NO_FAULT:
+            return None, 0
+        if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager assesses
             return None, 0
         names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
         return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail

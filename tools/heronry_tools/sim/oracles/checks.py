@@ -123,6 +123,11 @@ class Checks:
         for oracle in self._oracles:
             oracle.ordered(t_ns, phase, term)
 
+    def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
+        """The operator has ordered a priority (None: that of the spec), and the manager has accepted the order."""
+        for oracle in self._oracles:
+            oracle.set_priority(t_ns, function, priority)
+
     def declared(self, t_ns: int, element: str) -> None:
         """The operator has declared that an element has failed, and a manager plans without it."""
         for oracle in self._oracles:
@@ -156,6 +161,11 @@ class Checks:
     def phase(self) -> str | None:
         """The mission phase that the operator or a PE requested last; at first the initial phase of the spec."""
         return self._known.phases.current
+
+    @property
+    def priorities(self) -> dict[str, int]:
+        """The changed priorities, by function, as the active manager has told them last."""
+        return dict(self._known.priorities.current)
 
     @property
     def epoch(self) -> int | None:

@@ -106,7 +106,7 @@ def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> It
     for index, criticality in enumerate(CRITICAL_CLASSES):
         functions = [f for f in spec.functions.values() if f.criticality_in(truth.phase) == criticality]
         heard = [f.name for f in functions if witness.served(f.name, now_ns)]
-        worth = sum(spec.functions[name].priority_in(truth.phase) for name in heard)
+        worth = sum(truth.priority_of(spec.functions[name]) for name in heard)
         if worth < possible.objective.critical[index]:
             silent = [name for name in _served(possible) if name not in heard and name in {f.name for f in functions}]
             yield "served", f"class {criticality}: no output heard of {', '.join(silent)}, which could be served"

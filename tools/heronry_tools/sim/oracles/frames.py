@@ -37,7 +37,18 @@ from heronry_wire.management import (
 from heronry_wire.state_frames import PeState, StatePage0
 
 _HEARD = (
-    *("published", "state_sent", "ran", "said", "told", "emergency", "handed_on", "requested", "measured"),
+    *(
+        "published",
+        "state_sent",
+        "ran",
+        "said",
+        "told",
+        "emergency",
+        "handed_on",
+        "requested",
+        "wanted_priority",
+        "measured",
+    ),
     *("manager_heard", "leased", "commanded", "activated", "alive", "began", "misled"),
 )
 _COMMANDS = (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL)
@@ -121,6 +132,9 @@ class FrameWatch:
         if sent.bus == self._bus and isinstance(emergency, Emergency) and emergency.kind is ElementKind.PHASE:
             for oracle in self._of["requested"]:
                 oracle.requested(node, emergency)
+        if sent.bus == self._bus and isinstance(emergency, Emergency) and emergency.kind is ElementKind.PRIORITY:
+            for oracle in self._of["wanted_priority"]:
+                oracle.wanted_priority(emergency)
         if sent.sender == pe:
             for oracle in self._of["emergency"]:
                 oracle.emergency(sent, pe, emergency)

@@ -33,6 +33,7 @@ from heronry_tools.sim.oracles.commanded import elements_by_kind
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
+    BY_OPERATOR,
     NO_EPOCH,
     Control,
     ElementKind,
@@ -67,7 +68,7 @@ class JournalCheck(Oracle):
         super().__init__()
         self._read = read
         self._names = elements_by_kind(spec)
-        self._phases = list(spec.phases)
+        self._phases, self._functions = list(spec.phases), list(spec.functions)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first; "": from a former disk
         self._none_entered_ns: dict[str, int] = {}  # by station: the last time when its journal named no phase
@@ -159,11 +160,21 @@ class JournalCheck(Oracle):
             case Control(_, _, Operation.HOLDS, ElementKind.PHASE, index):
                 if memory.phase not in (None, self._phases[index]):
                     return [f"sends phase {self._phases[index]}, but its journal has {memory.phase}"]
+            case Control(_, _, Operation.HOLDS | Operation.CLEAR, told, _) if told & 0xFF == ElementKind.PRIORITY:
+                return self._priority(memory, message)
             case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
                 element = self._names[ElementKind(kind)][index]
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
                     return [f"sends {operation.name} of {element}, but its journal latches {sorted(memory.latched)}"]
         return []
+
+    def _priority(self, memory: Memory, told: Control) -> list[str]:
+        function = self._functions[told.a >> 8]
+        held = memory.priorities.get(function)
+        number = None if held is None else held.priority | (BY_OPERATOR if held.by_operator else 0)
+        if number == (told.b if told.operation is Operation.HOLDS else None):
+            return []
+        return [f"sends {told.operation.name} of priority {told.b} of {function}, but its journal has {held}"]
 
 
 def _numbers(said: _Said, memory: Memory) -> list[str]:

@@ -15,6 +15,7 @@ from heronry_tools.sim.oracles.journal import Read
 from heronry_tools.sim.oracles.liveness import Losses
 from heronry_tools.sim.oracles.phase import PhaseCheck
 from heronry_tools.sim.oracles.planned_load import PlannedLoadCheck
+from heronry_tools.sim.oracles.priorities import PriorityCheck
 from heronry_tools.sim.oracles.proven_states import ProvenStates
 from heronry_tools.sim.oracles.service import ServiceCheck
 from heronry_tools.sim.oracles.solitude import Solitude
@@ -39,4 +40,5 @@ class Known:
         self.blame = BlameCheck(spec)
         self.service = ServiceCheck(spec, self.solitude.ended_ns)
         self.phases = PhaseCheck(spec, self.service.entered)
+        self.priorities = PriorityCheck(spec, self.service.prioritized)
         self.planned_load = PlannedLoadCheck(spec)

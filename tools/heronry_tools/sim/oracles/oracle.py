@@ -77,6 +77,9 @@ class Oracle:
     def requested(self, node: int, message: Emergency) -> None:
         """A PE has requested a mission phase on the managers' bus."""
 
+    def wanted_priority(self, message: Emergency) -> None:
+        """A PE has requested a priority of a function on the managers' bus."""
+
     def measured(self, sent: Sent) -> None:
         """A gateway has reported the bandwidth of its radio on the managers' bus."""
 
@@ -136,6 +139,9 @@ class Oracle:
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
         """The operator has ordered a phase, and the manager has accepted the order in this term."""
+
+    def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
+        """The operator has ordered a priority (None: that of the spec), and the manager has accepted the order."""
 
     def failed(self, t_ns: int, element: str) -> None:
         """A manager treats an element as failed because the operator has declared it failed."""

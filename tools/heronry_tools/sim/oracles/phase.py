@@ -3,8 +3,8 @@
 A phase counts as requested in two cases: the manager has accepted the operator's order for it; or a PE has requested it
 (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each request of a PE has
 a number. A request counts once, even if it is acknowledged twice. It does not count if a later request of the same PE
-was acknowledged before. A PE that restarts begins again with its numbers. A *forward only* request never leads to an
-earlier phase.
+was acknowledged before. A PE that restarts begins again with its numbers. A *forward only* request leads to a phase
+with a rule only from the phases that the rule names, and to any other never back.
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
@@ -48,6 +48,10 @@ class PhaseCheck(Oracle):
         self.current = spec.initial_phase()
         self.named: str | None = None  # the phase that the active manager sent last
         self._names, self._entered, self._bus = list(spec.phases), entered, spec.manager.bus
+        self._from = [
+            set(self._names[:index]) if phase.when is None else set(phase.when.origins)
+            for index, phase in enumerate(spec.phases.values())
+        ]
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._left: dict[str | None, int] = {}  # former phases, and when each ended
         self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was accepted
@@ -122,8 +126,9 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request is forward only but would lead to an earlier phase, and so must not be accepted."""
-        return bool(number & FORWARD_ONLY) and self.current is not None and index < self._names.index(self.current)
+        """Tell whether a request is forward only, and nothing leads from the current phase to the requested one."""
+        is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
+        return bool(number & FORWARD_ONLY) and not is_free
 
     def _is_wanted(self, phase: str) -> bool:
         """Tell whether a PE's request for this phase is unanswered and may be accepted."""

@@ -26,7 +26,7 @@ Not verified are silences
   before. The window counts from the first ALIVE of the mastership.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -97,6 +97,7 @@ class ServiceCheck(Oracle):
         self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
         self._called: list[tuple[int, Epoch, str | None]] = []  # contingencies called: time, epoch, phase
         self._phases: list[tuple[int, str | None]] = []
+        self._priorities: list[tuple[int, Mapping[str, int]]] = []  # changed ones, from each time on
         self._masterships_ns: list[int] = []  # when each mastership began
         self._idle: list[tuple[int, int]] = []  # times (from, to) in which no PE ran a module
         self._ran_ns = 0  # when a PE last ran a module
@@ -221,7 +222,11 @@ class ServiceCheck(Oracle):
         planned_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
         failed = self._held_at(planned_ns, t_ns)
         known = dict.fromkeys((phase, *self._phases_in(planned_ns, t_ns)))
-        nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
+        nows = (
+            Situation(frozenset(absent | failed), self._limits(t_ns), one, priorities)
+            for one in known
+            for priorities in self._priorities_in(planned_ns, t_ns)
+        )
         stories = [self._falls_short(epoch, now) for now in nows]
         if None not in stories:
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
@@ -240,6 +245,15 @@ class ServiceCheck(Oracle):
         spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
+    def prioritized(self, t_ns: int, priorities: Mapping[str, int]) -> None:
+        """Note that the manager tells other priorities."""
+        self._priorities.append((t_ns, priorities))
+
+    def _priorities_in(self, from_ns: int, to_ns: int) -> list[Mapping[str, int]]:
+        """Give the priorities in effect at any moment from `from_ns` to `to_ns`."""
+        spans = pairwise([(0, {}), *self._priorities, (to_ns + 1, {})])
+        return [found for (since_ns, found), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
+
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent for too long without need.
 
@@ -251,7 +265,7 @@ class ServiceCheck(Oracle):
     def _silence(self, outage: Outage, injected: Sequence[Injected], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]
         moments = {moment for one in injected for moment in (one.from_ns, one.to_ns) if moment is not None}
-        moments |= {t_ns for t_ns, _ in (*self._available, *self._phases)}
+        moments |= {t_ns for t_ns, _ in (*self._available, *self._phases, *self._priorities)}
         moments |= {moment for one in self._held for moment in (one.from_ns, one.to_ns) if moment is not None}
         moments |= {moment for time in self._starts() for moment in time}
         to_ns = end_ns if outage.to_ns is None else outage.to_ns
@@ -277,7 +291,7 @@ class ServiceCheck(Oracle):
         available = next((pes for t_ns, pes in reversed(self._available) if t_ns <= begin_ns), frozenset[str]())
         down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in available}
         phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
-        return Situation(frozenset(down), self._limits(over_ns), phase)
+        return Situation(frozenset(down), self._limits(over_ns), phase, self._priorities_in(begin_ns, begin_ns)[-1])
 
     def _starts(self) -> Iterator[tuple[int, int]]:
         """Give the times (from, to) within start-up windows in which no PE ran a module."""
@@ -291,11 +305,11 @@ class ServiceCheck(Oracle):
         """Tell whether the best plan serves every wanted function of this function's class and the classes above."""
         functions = self._spec.functions.values()
         criticality = self._spec.functions[name].criticality_in(now.phase)
-        if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):
+        if criticality not in CRITICAL_CLASSES or not now.priority_of(self._spec.functions[name]):
             return False
         last = CRITICAL_CLASSES.index(criticality)
         possible = critical_at_best(self._spec, now)
         return all(
-            possible[i] == sum(f.priority_in(now.phase) for f in functions if f.criticality_in(now.phase) == one)
+            possible[i] == sum(now.priority_of(f) for f in functions if f.criticality_in(now.phase) == one)
             for i, one in enumerate(CRITICAL_CLASSES[: last + 1])
         )

@@ -48,7 +48,16 @@ from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send, Tick
 
 _EARLY_NS = 20_000_000  # a recorded PREPARE may precede its request in the replay by so much (clocks, loops)
-_TOLD = {"pe_lost", "pe_absent", "pe_joined", "fault_reported", "fault_cleared", "phase_changed", "adopted"}
+_TOLD = {
+    "pe_lost",
+    "pe_absent",
+    "pe_joined",
+    "fault_reported",
+    "fault_cleared",
+    "phase_changed",
+    "priority_changed",
+    "adopted",
+}
 _TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
 _NAMES = {
     Source.CONTINGENCIES: "the contingency",
@@ -165,7 +174,9 @@ class Rerun:
 
     def _tell(self, now_ns: int, told: Mapping[str, Any]) -> None:
         if told["event"] in _TOLD:
-            subject = next((str(told[key]) for key in ("pe", "element", "phase", "epoch", "node") if key in told), "")
+            subject = next(
+                (str(told[key]) for key in ("pe", "element", "phase", "function", "epoch", "node") if key in told), ""
+            )
             detail = next((str(told[key]) for key in ("cause", "reason", "by") if key in told), "")
             text = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
             self.remarks.append(Remark(now_ns, f"{text}: {detail}" if detail else text))

@@ -15,7 +15,15 @@ from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management
 from heronry_wire.management import ElementKind, FaultCode, decode_emergency
 from heronry_wire.state_frames import StatePage0, decode_state
 
-_REPORTS_NO_FAULT = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED, FaultCode.CHANNEL_BACK)
+_REPORTS_NO_FAULT = (
+    FaultCode.RESET,
+    FaultCode.PHASE_REQUEST,
+    FaultCode.PRIORITY_REQUEST,
+    FaultCode.DISAGREEMENT,
+    FaultCode.UNKNOWN_ELEMENT,
+    FaultCode.MODULE_RESTARTED,
+    FaultCode.CHANNEL_BACK,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ Several statements may stand on one line, separated by ';'.
 Times are seconds from the moment at which the first configuration runs. What can be done:
 
     kill|restore pe:NAME|manager|primary|standby
-    phase NAME       fail|clear KIND:NAME       (orders of the operator)
+    phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
 
@@ -44,15 +44,28 @@ from pathlib import Path
 from typing import NoReturn
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_dg.situation import (
+    UnknownElementError,
+    checked_element,
+    checked_function,
+    checked_phase,
+    situation,
+)
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, SetPriority
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
 from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
 
-ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
+
+def _priority(text: str) -> SetPriority:
+    function, _, priority = text.partition("=")
+    return SetPriority(function, int(priority) if priority else None)
+
+
+ORDERS: Mapping[str, Callable[[str], EnterPhase | SetPriority | FailElement | ClearElement]] = {
     "phase": EnterPhase,
+    "priority": _priority,
     "fail": FailElement,
     "clear": ClearElement,
 }
@@ -250,7 +263,7 @@ class _Reader:
     def _deed(self, at_ns: int, words: list[str]) -> None:
         self._not_before(at_ns)
         text = " ".join(words)
-        if not self.has_standby and words[0] != "phase" and any(map(is_one_of_two, words[1:2])):
+        if not self.has_standby and words[0] not in ("phase", "priority") and any(map(is_one_of_two, words[1:2])):
             self._refuse(f"'{text}': there is one manager; write 'manager', or 'standby' above for two managers")
         match words:
             case ["kill" | "restore" as what, target]:
@@ -258,6 +271,8 @@ class _Reader:
                 self._in_turn(deed)
             case ["phase", phase]:
                 deed = Deed(self.number, at_ns, "phase", self._checked_phase(phase), text)
+            case ["priority", function, priority]:
+                deed = Deed(self.number, at_ns, "priority", self._checked_priority(function, priority), text)
             case ["fail" | "clear" as what, element]:
                 deed = Deed(self.number, at_ns, what, self._element(element), text)
             case ["stick", device] if device.startswith("device:"):
@@ -265,7 +280,7 @@ class _Reader:
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
-                known = ["kill", "restore", "phase", "fail", "clear", "stick", *KINDS]
+                known = ["kill", "restore", "phase", "priority", "fail", "clear", "stick", *KINDS]
                 self._refuse(f"'{text}' cannot be done; {_hint(words[0], known)}")
         self.deeds.append(deed)
 
@@ -374,6 +389,18 @@ class _Reader:
             return checked_element(self.spec, element)
         except UnknownElementError as error:
             self._refuse(str(error))
+
+    def _checked_priority(self, function: str, priority: str) -> str:
+        """Return FUNCTION=N, or FUNCTION= for the priority of the spec."""
+        assert self.spec is not None
+        try:
+            checked_function(self.spec, function)
+            if priority == "default":
+                return f"{function}="
+            situation(self.spec, priorities=[f"{function}={priority}"])
+        except UnknownElementError as error:
+            self._refuse(str(error))
+        return f"{function}={priority}"
 
     def _checked_phase(self, phase: str) -> str:
         assert self.spec is not None

@@ -69,4 +69,5 @@ class ModuleHost:
         result = self._runner.step(action.module, now_ns, action.until_ns, reading, action.inputs)
         if isinstance(result, Failure):
             return StepFailed(action.module, action.release, *result)
-        return Stepped(action.module, action.release, result.outputs, result.writes, result.reports, result.phases)
+        said = result.outputs, result.writes, result.reports, result.phases
+        return Stepped(action.module, action.release, *said, priorities=result.priorities)

@@ -1,0 +1,209 @@
+"""Which functions have another priority than the spec gives them, and what may change it.
+
+    the operator    any priority of any function. It stands until the operator ends it
+    a module        a priority within the function's `priority_range`: its PE has sent a request (EMCY,
+                    PRIORITY_REQUEST). The last request counts
+
+A function has the *spec's* priority, one that a module has *requested*, or one that the operator has *ordered*. A
+change has the consequences of a fault: a plan, an epoch. The spec's criticality of the function stays.
+
+    request, the priority may change    the priority changes
+    request, less than CHANGE_NS after  the request is neither executed nor acknowledged. The PE repeats it, so the last
+    the last request that changed one   of several requests is executed when the time is over
+    request outside the range, or       acknowledged and refused, with an event that names the PE
+    against the operator's order
+    order                               ordered, or the spec's. An order needs no waiting time
+
+A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up for each function
+until it restarts: a request that comes again, or after a later one, is acknowledged and has no further effect. A pause
+of the manager loses no request. A forged request changes a priority within the spec's range; the operator's order
+stands against it. A manager that restarts remembers priorities and numbers. A standby manager hears each changed
+priority in turn (CONTROL, HOLDS), the end of one once (CLEAR), and which requests were executed; it forgets a priority
+that it has not heard for three turns.
+"""
+
+from collections import Counter
+
+from heronry_dg.model import Function, Spec
+from heronry_manager.core.memory import PriorityChanged, PriorityRequest, PriorityRestored
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import (
+    BY_OPERATOR,
+    MOST_FUNCTIONS,
+    PRIORITY_REQUEST_NUMBERS,
+    SPECS_PRIORITY,
+    Control,
+    ElementKind,
+    Emergency,
+    Operation,
+)
+from heronry_wire.sansio import NEVER_NS
+
+CHANGE_NS = 1_000_000_000
+_OPERATOR = "the operator"
+_DEFAULT = "default"  # the priority of the spec, in events
+
+
+class ChangedPriorities:
+    """The priorities that differ from the spec's. What changes one gives the cause of a new plan."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        """Begin with what is remembered."""
+        self._turn = turn
+        self._functions = list(spec.functions.values())[:MOST_FUNCTIONS]
+        self._index = {function.name: index for index, function in enumerate(self._functions)}
+        self._changed: dict[str, PriorityChanged] = dict(turn.memory.priorities)
+        self._last = {key: (one.incarnation, one.number) for key, one in turn.memory.priority_requests.items()}
+        self._requested_ns = -NEVER_NS  # when a request has changed a priority
+        self._untold: Counter[str] = Counter()  # beats since another manager announced a priority
+        self._told_function: int | None = None  # the function whose priority another manager has just told
+
+    def now(self) -> dict[str, int]:
+        """Give the changed priorities, by function."""
+        return {name: one.priority for name, one in self._changed.items()}
+
+    def all(self) -> list[PriorityChanged]:
+        """Give every changed priority."""
+        return list(self._changed.values())
+
+    def facts(self) -> list[tuple[Operation, int, int]]:
+        """Give operation, a and b of CONTROL for each function that is changed, or for which requests were executed."""
+        functions = {*self._changed, *(function for _, function in self._last)}
+        return [self.told(index) for index in sorted(map(self.index_of, functions))]
+
+    def accepted(self, index: int) -> list[PriorityRequest]:
+        """Give the last executed request of each PE for the function with this index."""
+        name = self._functions[index].name
+        return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
+
+    def told(self, index: int) -> tuple[Operation, int, int]:
+        """Give operation, a and b of the CONTROL that tells the priority of the function with this index."""
+        changed = self._changed.get(self._functions[index].name)
+        return (Operation.CLEAR, _place(index), 0) if changed is None else _held(index, changed)
+
+    # Requests and orders
+
+    def can_change(self, function: str) -> bool:
+        """Tell whether a command can name the function."""
+        return function in self._index
+
+    def index_of(self, function: str) -> int:
+        """Give the index by which commands and requests name a function."""
+        return self._index[function]
+
+    def order(self, function: str, priority: int | None) -> str | None:
+        """Set a priority for the operator (None: the spec's); gives the cause of a plan, or None: nothing changes."""
+        if priority is None:
+            return self._restore(function, _OPERATOR)
+        return self._change(PriorityChanged(function, priority, by_operator=True), _OPERATOR)
+
+    def requested(self, pe: str, incarnation: int, request: Emergency) -> list[str] | None:
+        """Take a PE's request; gives causes, or None where it is not to be acknowledged yet."""
+        index, number = divmod(request.index, PRIORITY_REQUEST_NUMBERS)
+        if index >= len(self._functions):
+            return None
+        function = self._functions[index]
+        if not self._is_new(pe, incarnation, function.name, number):
+            return []
+        why_not = self._refusal(function, request.detail)
+        is_change = why_not is None and self._differs(function.name, request.detail)
+        if is_change and self._turn.now_ns - self._requested_ns < CHANGE_NS:
+            return None
+        self._accept(pe, incarnation, function.name, number)
+        if why_not is not None:
+            wanted = _DEFAULT if request.detail == SPECS_PRIORITY else request.detail
+            self._turn.emit("priority_refused", function=function.name, priority=wanted, by=pe, why=why_not)
+        if not is_change:
+            return []
+        self._requested_ns = self._turn.now_ns
+        change = self._execute(function.name, request.detail, pe)
+        return [] if change is None else [change]
+
+    def _refusal(self, function: Function, priority: int) -> str | None:
+        """Say why a request is refused; None: it is not."""
+        held, bounds = self._changed.get(function.name), function.priority_range
+        if bounds is None:
+            return "the spec gives it no priority_range"
+        if priority != SPECS_PRIORITY and not bounds[0] <= priority <= bounds[1]:
+            return f"its priority_range is {bounds[0]} to {bounds[1]}"
+        if held is not None and held.by_operator:
+            return f"the operator has set {held.priority}"
+        return None
+
+    def _differs(self, function: str, priority: int) -> bool:
+        held = self._changed.get(function)
+        return (SPECS_PRIORITY if held is None else held.priority) != priority
+
+    def _execute(self, function: str, priority: int, by: str) -> str | None:
+        if priority == SPECS_PRIORITY:
+            return self._restore(function, by)
+        return self._change(PriorityChanged(function, priority, by_operator=False), by)
+
+    def _change(self, changed: PriorityChanged, by: str) -> str | None:
+        before = self._changed.get(changed.function)
+        self._untold[changed.function] = 0
+        if before == changed:
+            return None
+        self._changed[changed.function] = changed
+        self._turn.keep(changed)
+        return self._emit(changed.function, before, changed, by)
+
+    def _restore(self, function: str, by: str) -> str | None:
+        before = self._changed.pop(function, None)
+        if before is None:
+            return None
+        self._turn.keep(PriorityRestored(function))
+        return self._emit(function, before, None, by)
+
+    def _emit(self, function: str, before: PriorityChanged | None, after: PriorityChanged | None, by: str) -> str:
+        was, now = (_DEFAULT if one is None else one.priority for one in (before, after))
+        self._turn.emit("priority_changed", function=function, priority=now, before=was, by=by)
+        return f"priority {now} of {function}, requested by {by}"
+
+    def _is_new(self, pe: str, incarnation: int, function: str, number: int) -> bool:
+        last_incarnation, last = self._last.get((pe, function), (incarnation, number - 1))
+        behind = (last - number) % PRIORITY_REQUEST_NUMBERS
+        return incarnation != last_incarnation or behind >= PRIORITY_REQUEST_NUMBERS // 2
+
+    def _accept(self, pe: str, incarnation: int, function: str, number: int) -> None:
+        self._last[pe, function] = incarnation, number
+        self._turn.keep(PriorityRequest(pe, incarnation, function, number))
+
+    # What another manager tells
+
+    def overheard(self, manager: int, told: Control) -> list[str] | None:
+        """Take a priority that the active manager tells; gives causes, or None: it is about none."""
+        kind, index = told.a & 0xFF, told.a >> 8
+        is_priority = kind == ElementKind.PRIORITY and told.operation in (Operation.HOLDS, Operation.CLEAR)
+        self._told_function = index if is_priority and index < len(self._functions) else None
+        if not is_priority or self._told_function is None:
+            return [] if is_priority else None
+        function, by = self._functions[index].name, f"manager {manager}"
+        if told.operation is Operation.CLEAR:
+            change = self._restore(function, by)
+        else:
+            ordered = bool(told.b & BY_OPERATOR)
+            change = self._change(PriorityChanged(function, told.b & ~BY_OPERATOR, ordered), by)
+        return [] if change is None else [change]
+
+    def answered(self, pe: str, incarnation: int, index: int) -> None:
+        """Note that the active manager has acknowledged a request, directly after it has told the priority."""
+        function, number = divmod(index, PRIORITY_REQUEST_NUMBERS)
+        name = self._functions[function].name if function < len(self._functions) else ""
+        if function == self._told_function and self._is_new(pe, incarnation, name, number):
+            self._accept(pe, incarnation, name, number)
+
+    def held_no_longer(self, longest_beats: int) -> list[str]:
+        """Count a beat of the active manager, and restore what it has not told for so long; gives causes."""
+        self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
+        late = [name for name, beats in self._untold.items() if beats > longest_beats]
+        changes = [self._restore(name, "the active manager, which holds it no longer") for name in late]
+        return [change for change in changes if change is not None]
+
+
+def _held(index: int, one: PriorityChanged) -> tuple[Operation, int, int]:
+    return Operation.HOLDS, _place(index), one.priority | (BY_OPERATOR if one.by_operator else 0)
+
+
+def _place(index: int) -> int:
+    return ElementKind.PRIORITY | index << 8

@@ -1,0 +1,70 @@
+"""What modules tell without reporting a fault: a disagreement of two inputs, a report of an unknown element.
+
+    told    the PE of the module has told it (EMCY, DISAGREEMENT or UNKNOWN_ELEMENT), within the last
+            CHANNEL_FORGOTTEN_NS
+    over    it was not told for that long
+
+No plan changes. An event tells when each begins, and when a disagreement is over; `heronry status` lists the
+disagreements. In a disagreement either input may be right, and the comparator decides what goes on
+(`heronry_agent.parts.comparators`).
+
+Lost: a PE repeats it every second while it lasts, and nobody acknowledges it. Late or doubled: no effect. Forged: a
+false line in the status, for three seconds. A manager that restarts, or takes over, knows them within a second. One of
+a module that the spec does not have is ignored.
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import ElementKind, Emergency
+from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
+
+
+class ModuleNotices:
+    """The notices of one kind; a subclass says which events tell them."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        self._modules, self._turn = list(spec.modules), turn
+        self._told: dict[tuple[str, str], tuple[int, int]] = {}  # by module and PE: time and detail of the last one
+
+    def reported(self, pe: str, emergency: Emergency) -> None:
+        """Take a PE's notice about one of its modules."""
+        if emergency.kind is not ElementKind.MODULE or emergency.index >= len(self._modules):
+            return
+        key = self._modules[emergency.index], pe
+        if key not in self._told:
+            self._begun(*key, emergency.detail)
+        self._told[key] = self._turn.now_ns, emergency.detail
+
+    def beat(self) -> None:
+        """Let time pass: what is no longer told is over."""
+        for (module, pe), (at_ns, _) in list(self._told.items()):
+            if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS:
+                del self._told[module, pe]
+                self._over(module, pe)
+
+    def all(self) -> list[tuple[str, str, int]]:
+        """Give module, PE and detail of each that lasts."""
+        return [(module, pe, detail) for (module, pe), (_, detail) in sorted(self._told.items())]
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        raise NotImplementedError
+
+    def _over(self, module: str, by: str) -> None:
+        """Tell that one is over; no event by default."""
+
+
+class Disagreements(ModuleNotices):
+    """Comparators whose inputs differ."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        self._turn.emit("disagreement", module=module, by=by, detail=detail)
+
+    def _over(self, module: str, by: str) -> None:
+        self._turn.emit("agreement", module=module, by=by)
+
+
+class UnknownReports(ModuleNotices):
+    """Modules that report an element which the spec does not have."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:
+        self._turn.emit("unknown_element", module=module, by=by, detail=detail)

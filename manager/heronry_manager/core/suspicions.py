@@ -1,0 +1,85 @@
+"""What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
+
+A module sees a device that it drives, or another module whose data it reads; of a PE or a bus it knows only that
+something does not come. So its report of one fails nothing by itself:
+
+    a PE     is asked (PING). If it answers, it stays; if it is silent, it is lost like any other (`health`)
+    a bus    fails by no report. The manager's own bus has carried the report. Another bus works while a PE is available
+             that can be reached over it alone; every bus but the manager's leads to such PEs, since buses form a
+             forest. If all of them are lost, the plan does without them already, and they may return
+
+An event tells each suspicion with the evidence (`suspicion`), and one tells what was found (`suspicion_assessed`). A PE
+repeats its report every second while its module sees the fault, so a lost or doubled one changes nothing. A forged one
+costs a PING. A manager that restarts forgets suspicions.
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_manager.core.health import Health
+from heronry_manager.core.turn import Turn
+from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
+
+
+class Suspicions:
+    """The suspected PEs and buses."""
+
+    def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
+        self._spec, self._turn, self._health = spec, turn, health
+        self._told_ns: dict[tuple[str, str], int] = {}  # by element and the PE that reports it: the last report
+        self._asked: set[str] = set()  # PEs that owe an answer
+
+    def pe(self, pe: str, by: str) -> bool:
+        """Take a report of a PE; tells whether the PE is to be asked now."""
+        element = f"pe:{pe}"
+        is_new = self._note(element, by)
+        if not self._health.is_available(pe):
+            if is_new:
+                self._tell(element, by, "it counts as lost already")
+            return False
+        if is_new:
+            self._tell(element, by, "it was heard in time, and is asked")
+            self._asked.add(pe)
+        return is_new
+
+    def answered(self, pe: str) -> None:
+        """Note a state of a PE."""
+        if pe in self._asked:
+            self._asked.remove(pe)
+            self._conclude(f"pe:{pe}", "it answers, and stays")
+
+    def bus(self, bus: str, by: str) -> None:
+        """Take a report of a bus."""
+        element = f"bus:{bus}"
+        if not self._note(element, by):
+            return
+        evidence = self._carries(bus)
+        self._tell(element, by, evidence or "no PE is heard that can be reached over it alone")
+        self._conclude(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
+
+    def beat(self) -> None:
+        """Let time pass: a PE that is lost owes no answer, and an old report counts no longer."""
+        for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
+            self._asked.remove(pe)
+            self._conclude(f"pe:{pe}", "it does not answer, and is lost")
+        oldest_ns = self._turn.now_ns - CHANNEL_FORGOTTEN_NS
+        self._told_ns = {key: at_ns for key, at_ns in self._told_ns.items() if at_ns > oldest_ns}
+
+    def _carries(self, bus: str) -> str | None:
+        """Give the evidence that a bus carries frames; None: there is none."""
+        if bus == self._spec.manager.bus:
+            return "it has carried the report"
+        near = survivors(self._spec, Situation(frozenset({f"bus:{bus}"}))).pe_cpu_millis
+        beyond = next((pe for pe in self._spec.pes if pe not in near and self._health.is_available(pe)), None)
+        return None if beyond is None else f"pe:{beyond} is heard, which can be reached over it alone"
+
+    def _note(self, element: str, by: str) -> bool:
+        """Note a report; tells whether it is not a repetition."""
+        is_new = (element, by) not in self._told_ns
+        self._told_ns[element, by] = self._turn.now_ns
+        return is_new
+
+    def _tell(self, element: str, by: str, evidence: str) -> None:
+        self._turn.emit("suspicion", element=element, by=by, evidence=evidence)
+
+    def _conclude(self, element: str, found: str) -> None:
+        self._turn.emit("suspicion_assessed", element=element, found=found)

@@ -1,0 +1,49 @@
+"""What modules tell without a fault: told once, shown while it is repeated, without a plan."""
+
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
+from manager.one_manager import OneManager
+
+CONTROL = 0
+
+
+def told(module: int = CONTROL, kind: ElementKind = ElementKind.MODULE) -> Emergency:
+    return Emergency(FaultCode.DISAGREEMENT, 0, kind, module, 140)
+
+
+def test_it_is_told_once_while_it_lasts_and_no_plan_follows() -> None:
+    manager = OneManager()
+    manager.start()
+    requests = len(manager.requests)
+    for _ in range(3):
+        manager.report("left", told())
+        manager.pass_time(CHANNEL_FORGOTTEN_NS // 3)
+    assert len(manager.of("disagreement")) == 1
+    assert manager.core.status()["disagreements"] == [{"module": "control", "by": "left", "detail": 140}]
+    assert manager.core.status()["latched"] == []
+    manager.pass_time(2 * CHANNEL_FORGOTTEN_NS)
+    assert manager.of("agreement") == [{**manager.last("agreement"), "module": "control", "by": "left"}]
+    assert manager.core.status()["disagreements"] == []
+    assert len(manager.requests) == requests
+
+
+def test_one_of_something_that_the_spec_does_not_have_is_ignored() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.report("left", told(99))
+    manager.report("left", told(0, ElementKind.DEVICE))
+    assert manager.of("disagreement") == []
+
+
+def test_a_report_of_an_unknown_element_names_the_module_that_made_it() -> None:
+    manager = OneManager()
+    manager.start()
+    for _ in range(3):
+        manager.report("left", Emergency(FaultCode.UNKNOWN_ELEMENT, 0, ElementKind.MODULE, CONTROL, 7))
+        manager.pass_time(CHANNEL_FORGOTTEN_NS // 3)
+    (told,) = manager.of("unknown_element")
+    assert (told["module"], told["by"], told["detail"]) == ("control", "left", 7)
+    manager.pass_time(2 * CHANNEL_FORGOTTEN_NS)
+    assert manager.of("agreement") == []
+    manager.report("left", Emergency(FaultCode.UNKNOWN_ELEMENT, 0, ElementKind.MODULE, CONTROL, 7))
+    assert len(manager.of("unknown_element")) == 2

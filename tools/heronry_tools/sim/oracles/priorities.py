@@ -1,0 +1,92 @@
+"""A priority that the manager tells was ordered or requested, within its range, and changes seldom; from frames.
+
+The active manager tells a changed priority in HOLDS, and in CLEAR that a function has the priority of the spec again.
+What it tells counts for all other oracles (`current`). It must be one of these:
+
+- the priority that the operator has ordered last for the function. While an order stands, no request counts;
+- one that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term, two
+  changes that PEs have requested are at least CHANGE_NS apart;
+- the priority of the spec, if the operator or a PE has asked for that.
+
+For a moment after an order a HOLDS may still be on its way. A new mastership knows what its manager remembers, or has
+heard as a standby manager: what it tells first of a function is verified against all that was ever ordered or
+requested.
+"""
+
+from collections.abc import Callable, Mapping
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
+from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import Control, ElementKind, Emergency, ManagementMessage, Operation
+
+_CHANGE_NS = 950_000_000  # a second, less the time that a frame may wait on its way
+_OF_THE_SPEC, _ORDERED = 0xFFFF, 0x8000
+
+
+class PriorityCheck(Oracle):
+    """Follows which priorities the manager tells."""
+
+    def __init__(self, spec: Spec, changed: Callable[[int, Mapping[str, int]], None]) -> None:
+        """changed: called with the time (ns) and all changed priorities when one changes."""
+        super().__init__()
+        self.current: dict[str, int] = {}
+        self._functions, self._changed = list(spec.functions.values()), changed
+        self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._asked: dict[str, set[int]] = {}  # by function: all that PEs have requested
+        self._orders: dict[str, list[int]] = {}  # by function: all orders, the last one last
+        self._ordered_ns: dict[str, int] = {}
+        self._stands: dict[str, bool] = {}  # whether the last order is not that of the spec's priority
+        self._last: dict[int, int] = {}  # by term: when a requested priority was told first
+        self._told_in: dict[str, int] = {}  # by function: the term that told it last
+        self._term = 0
+
+    def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
+        """Note an order of the operator that the manager has accepted; None: the priority of the spec."""
+        self._orders.setdefault(function, []).append(_OF_THE_SPEC if priority is None else priority)
+        self._ordered_ns[function], self._stands[function] = t_ns, priority is not None
+
+    def wanted_priority(self, message: Emergency) -> None:
+        """Note that a PE requests a priority."""
+        function = self._functions[message.index >> 8].name
+        self._asked.setdefault(function, set()).add(message.detail)
+
+    def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
+        """Follow a HOLDS or CLEAR that tells a priority."""
+        if not isinstance(message, Control) or message.a & 0xFF != ElementKind.PRIORITY or message.term < self._term:
+            return
+        self._term, function = message.term, self._functions[message.a >> 8].name
+        if message.operation is Operation.HOLDS:
+            self._tell(t_ns, function, message.b & ~_ORDERED, is_ordered=bool(message.b & _ORDERED))
+        elif message.operation is Operation.CLEAR and function in self.current:
+            self._tell(t_ns, function, _OF_THE_SPEC, is_ordered=self._orders.get(function, [])[-1:] == [_OF_THE_SPEC])
+
+    def _tell(self, t_ns: int, function: str, priority: int, *, is_ordered: bool) -> None:
+        if self.current.get(function, _OF_THE_SPEC) == priority:
+            return
+        is_first = self._told_in.get(function) != self._term
+        self._told_in[function] = self._term
+        why_not = self._order(function, priority, is_first) if is_ordered else self._request(t_ns, function, priority)
+        if why_not is not None and t_ns - self._ordered_ns.get(function, -self._on_its_way_ns) > self._on_its_way_ns:
+            word = "of the spec" if priority == _OF_THE_SPEC else priority
+            self.violations.append(Violation(t_ns, "priorities", f"priority {word} of {function}: {why_not}"))
+        self.current.pop(function, None)
+        self.current |= {function: priority} if priority != _OF_THE_SPEC else {}
+        self._changed(t_ns, dict(self.current))
+
+    def _order(self, function: str, priority: int, is_first: bool) -> str | None:
+        orders = self._orders.get(function, [])
+        may_be = orders if is_first else orders[-1:]
+        return None if priority in may_be else f"the operator's orders were {orders}"
+
+    def _request(self, t_ns: int, function: str, priority: int) -> str | None:
+        bounds = next(one.priority_range for one in self._functions if one.name == function)
+        since_ns, self._last[self._term] = t_ns - self._last.get(self._term, -_CHANGE_NS), t_ns
+        if priority not in self._asked.get(function, ()):
+            return "no PE has requested it"
+        if bounds is None or (priority != _OF_THE_SPEC and not bounds[0] <= priority <= bounds[1]):
+            return f"its range is {bounds}"
+        if self._stands.get(function):
+            return "the operator's order stands"
+        return f"changed after {since_ns / 1e6:.0f} ms" if since_ns < _CHANGE_NS else None
