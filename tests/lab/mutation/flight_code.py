@@ -14,14 +14,15 @@ CORES = (Path("manager/heronry_manager/core"), Path("pe_agent/heronry_agent/core
 DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no decision in flight depends on them
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
-    "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags "
-    "configuration_slice contingency_block controller errors frame gateway_report identification identifiers layout "
-    "management nmt node_services packing pe_table protocol_times sansio sdo standard_identifiers state_frames "
-    "timing transmit_queue"
+    "authentication bus_health canaerospace canopen_objects capacities channel_merge channel_watch command_tags "
+    "configuration_slice contingency_block controller errors failure_text frame gateway_report identification "
+    "identifiers layout management nmt node_services packing pe_table protocol_times sansio sdo standard_identifiers "
+    "state_frames timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files
-    "__init__ bus_arguments bus_opening can_interface eds interruption key_file link python_can replicated_link "
-    "service_manager slow_opening socketcand"
+    "__init__ arrival_times bus_arguments bus_opening can_interface clock_of_day command_parser eds interruption "
+    "key_file link ordinary_file python_can replicated_link runtime_folder service_manager slow_opening socketcand "
+    "standstill"
 )
 
 
