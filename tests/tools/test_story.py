@@ -136,11 +136,14 @@ def test_a_kill_and_a_return_word_for_word() -> None:
     assert "".join(line.text + "\n" for line in told(Story(ELEVATOR), list(flight()))) == STORY
 
 
-def test_a_function_that_was_never_wanted_ends_with_its_module_and_not_with_the_phase() -> None:
-    """The experiment's module runs on the ground for the guidance; when the ground is lost, that is what ended it."""
-    whole, without = (plan(BIG_BLUE, situation(BIG_BLUE, down)) for down in ((), ("pe:ground",)))
+def test_a_function_that_was_never_wanted_ends_with_its_module_and_not_with_the_phase(tmp_path: Path) -> None:
+    """Without `only_in` the experiment's module runs on the ground for the guidance; the loss of the ground ends it."""
+    file = tmp_path / "always_open.dg.yaml"
+    file.write_text(re.sub(r", only_in: \[[a-z, ]*\]", "", Path("dg_specs/big_blue.dg.yaml").read_text()))
+    spec = load(file)
+    whole, without = (plan(spec, situation(spec, down)) for down in ((), ("pe:ground",)))
     events = [*reconfiguration(0, 1, whole, "all joined"), *reconfiguration(9, 2, without, "pe:ground: silent")]
-    (line,) = (line for line in told(Story(BIG_BLUE), events) if "experiment is" in line.text)
+    (line,) = (line for line in told(Story(spec), events) if "experiment is" in line.text)
     assert line.text.strip() == (
         "experiment is no longer served: experimental_autopilot, which ran on ground for what uses its data, "
         "has ended; phase ascent does not want experiment for itself"
