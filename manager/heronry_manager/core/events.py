@@ -57,6 +57,7 @@ KINDS: Mapping[str, str] = {
     "states_unproven": "pe: the PE is heard, but proves nothing when asked: another key, no key, or a failed receiver",
     "states_doubted": "pe, refused: so many states of the PE had a wrong tag; now only two proven ones in a row count",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: done",
+    "control_paths": "epoch, plants {name: on_path, open, unmoved or unseen}: which control loops are closed in this epoch",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
     "journal_kept": "before (the problem until now): the disk keeps the whole journal again",
     "standing_by": "node, term: this manager follows that one, and can take over",

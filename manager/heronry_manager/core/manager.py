@@ -30,6 +30,7 @@ the journal): the phase, latched faults, quarantines, what runs. PEs go on with 
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
@@ -128,6 +129,11 @@ class ManagerCore:
     def term(self) -> int:
         """Number of this manager's present or last mastership."""
         return self._turn.term
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the last epoch whose ACTIVATE went out, or that was adopted; None: there is none."""
+        return self._known.deployment.plan
 
     def hears(self, identifier: int) -> bool:
         """Tell whether the manager uses frames of an identifier; a driver may drop all others."""

@@ -19,6 +19,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from heronry_manager.core.events import event
@@ -39,6 +40,7 @@ from heronry_manager.core.vocabulary import (
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
+from heronry_manager.shell.plants import Plants
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
@@ -74,11 +76,12 @@ class ManagerDriver:
         *,
         journal: Journal | None,
         service: ServiceManager,
+        plants: Plants,
         emit: Emitter,
     ) -> None:
         """`emit` is called with every event as it happens; without a journal nothing survives a restart."""
         self._core, self._link, self._planners, self._control = core, link, planners, control
-        self._emit, self._service, self._journal = emit, service, journal
+        self._emit, self._service, self._journal, self._plants = emit, service, journal, plants
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
         self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: it is not
@@ -197,12 +200,20 @@ class ManagerDriver:
                     answers += self._planners.take(action)
                 case Emit(told):
                     self._emit(told)
+                    follows = self._plants.after(told, self._core.plan)
+                    if follows is not None:
+                        self._emit(follows)
                 case Keep(record):
                     if self._journal is not None:
                         self._journal.write(record)
                 case Reply():
-                    self._control.answer(action)
+                    self._answer(action)
                 case Stop(reason):
                     self._stop_reason = reason
         for known in answers:
             self._step(known)
+
+    def _answer(self, reply: Reply) -> None:
+        if reply.status is not None:
+            reply = replace(reply, status={**reply.status, **self._plants.status(self._core.plan)})
+        self._control.answer(reply)

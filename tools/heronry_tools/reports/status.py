@@ -19,6 +19,7 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
         yield "only the active manager knows which functions are served"
         return
     yield from _functions(status["functions"])
+    yield from _plants(status.get("plants", {}))
     yield from _buses(status["buses"])
 
 
@@ -113,6 +114,14 @@ def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
         else:
             state = f"NOT SERVED: {function['why_not']}"
         yield f"  {name:<16} {function['criticality']}  {state}"
+
+
+def _plants(plants: Mapping[str, Any]) -> Iterator[str]:
+    if plants:
+        yield "control loops, as planned"
+    for name, plant in plants.items():
+        state = "closed" if plant["why"] is None else f"OPEN, because {plant['why']}"
+        yield f"  the loop through {name}: {state}"
 
 
 def _buses(buses: Mapping[str, Any]) -> Iterator[str]:
