@@ -31,6 +31,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
@@ -106,7 +107,7 @@ class ManagerCore:
         self._replanning, self._reactions, self._details = parts.replanning, parts.reactions, parts.known.details
         self._succession = Succession(parts)
         self._inbound = Inbound(parts, PeReports(parts), self._succession)
-        self._orders = OperatorOrders(settings, turn, parts.known)
+        self._orders = OperatorOrders(settings, turn, parts.known, parts.replanning.planning)
         self._journal_problem: str | None = None
         turn.emit(
             "manager_started",
@@ -134,6 +135,11 @@ class ManagerCore:
     def plan(self) -> Plan | None:
         """The plan of the last epoch whose ACTIVATE went out, or that was adopted; None: there is none."""
         return self._known.deployment.plan
+
+    @property
+    def now(self) -> Situation:
+        """The situation as this manager knows it."""
+        return self._known.situation.now()
 
     def hears(self, identifier: int) -> bool:
         """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
@@ -290,6 +296,7 @@ class ManagerCore:
             health=known.health,
             situation=known.situation,
             deployment=known.deployment,
+            script=known.script.status(),
             unknown_epoch=None if self._claim.state is Mastership.STANDBY else known.unknown_epoch(),
             authenticity=known.authenticity,
             details=self._details,

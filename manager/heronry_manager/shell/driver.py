@@ -22,6 +22,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from heronry_dg.model import Spec
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import (
@@ -41,6 +42,7 @@ from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_manager.shell.plants import Plants
+from heronry_manager.shell.script_orders import ScriptSaid
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
@@ -76,12 +78,13 @@ class ManagerDriver:
         *,
         journal: Journal | None,
         service: ServiceManager,
-        plants: Plants,
+        spec: Spec,
         emit: Emitter,
     ) -> None:
         """`emit` is called with every event as it happens; without a journal nothing survives a restart."""
         self._core, self._link, self._planners, self._control = core, link, planners, control
-        self._emit, self._service, self._journal, self._plants = emit, service, journal, plants
+        self._emit, self._service, self._journal, self._spec = emit, service, journal, spec
+        self._plants = Plants(spec)
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
         self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: it is not
@@ -110,7 +113,7 @@ class ManagerDriver:
             for answer in self._planners.poll():
                 self._step(answer)
             for said in self._control.poll():
-                self._step(said)
+                self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
             deadline_ns = self._core.next_deadline_ns()
             if deadline_ns is not None and self._now_ns() >= deadline_ns and self._frozen_ns is None:
                 self._step(Tick())

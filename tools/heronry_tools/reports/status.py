@@ -13,6 +13,7 @@ _WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an old
 def report(status: Mapping[str, Any]) -> Iterator[str]:
     """Write a status document as lines of text."""
     yield from _head(status)
+    yield from _script(status["script"])
     yield from _troubles(status)
     yield from _pes(status["pes"])
     if status["manager"]["state"] == Mastership.STANDBY.value:
@@ -70,6 +71,17 @@ def _told_without_a_fault(status: Mapping[str, Any]) -> Iterator[str]:
         yield f"! two inputs of module:{told['module']} disagree, reported by {told['by']} (detail {told['detail']})"
     for name, changed in status["priorities"].items():
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
+
+
+def _script(script: Mapping[str, Any]) -> Iterator[str]:
+    words = {
+        "asked": "a script of the operator waits for the best plan, which is compared with it",
+        "held": "a script of the operator is held: no better plan is sought; 'heronry pcs release' ends it",
+        "refused": f"the last script was refused, and changed nothing: {script['why']}",
+        "ended": f"the last script is held no longer: {script['why']}",
+    }
+    if script["state"] in words:
+        yield words[script["state"]]
 
 
 def _pes(pes: Mapping[str, Any]) -> Iterator[str]:

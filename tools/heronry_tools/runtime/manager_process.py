@@ -25,7 +25,6 @@ from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.driver import FILTERS, ManagerDriver
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
-from heronry_manager.shell.plants import Plants
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.console.bus_flags import what_it_models
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
@@ -98,7 +97,7 @@ def mastership(arguments: argparse.Namespace) -> int:
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
             parts = (core, link, planners, control)
-            driver = ManagerDriver(*parts, journal=journal, service=service, plants=Plants(spec), emit=tell)
+            driver = ManagerDriver(*parts, journal=journal, service=service, spec=spec, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)
