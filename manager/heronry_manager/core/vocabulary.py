@@ -161,17 +161,8 @@ class AskStatus:
     """The operator requests the status."""
 
 
-Order = (
-    EnterPhase
-    | SetPriority
-    | FailElement
-    | ClearElement
-    | UnlockPe
-    | FlyTarget
-    | ReleaseTarget
-    | AskStatus
-    | AskTraceback
-)
+OrderToExecute = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyTarget | ReleaseTarget
+Order = OrderToExecute | AskStatus | AskTraceback
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,8 @@ class FlyScript:
     text: str
 
 
-Spoken = (
+Question = AskStatus | AskTraceback
+Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
     EnterPhase
     | SetPriority
     | FailElement
