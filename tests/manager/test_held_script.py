@@ -6,6 +6,8 @@ import pytest
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.situation import Situation
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import (
     ClearElement,
     FailElement,
@@ -18,9 +20,11 @@ from heronry_manager.core.vocabulary import (
     Settled,
 )
 from heronry_manager.planner.exact import plan
-from heronry_wire.management import Control, ElementKind, Operation
-from heronry_wire.state_frames import PeState
-from manager.one_manager import MS, OneManager
+from heronry_wire.management import Control, ElementKind, Lease, Operation, Step
+from heronry_wire.state_frames import PeFlags, PeState
+from lab.peers import command_frame
+from manager.one_manager import BEAT_NS, MS, OneManager
+from manager.test_standby import Pair
 
 
 def target(drive: str = "drive_right", on: str = "right", control: str = "middle") -> Configuration:
@@ -274,12 +278,55 @@ def test_a_standby_manager_is_told_in_turn(held: OneManager) -> None:
     assert held.said(Control) == []
 
 
+def test_a_standby_manager_that_takes_over_ends_it_and_says_so() -> None:
+    pair = Pair()
+    for pe in pair.standby.spec.pes:
+        pair.say(pe, PeFlags.HEARS_LEASE)
+    assert say(pair.primary, FlyTarget(target())).done
+    pair.primary.answer()
+    finish(pair.primary)
+    pair.fly(40 * BEAT_NS)
+    pair.orphan("left", "middle", "right")
+    assert pair.standby.of("taken_over")
+    reason = "the mastership of manager 126, which held it, has ended"
+    assert [told["reason"] for told in pair.standby.of("script_ended")] == [reason]
+    assert script(pair.standby) == ("ended", reason)
+
+
+@pytest.mark.parametrize("is_released", [True, False])
+def test_a_standby_manager_forgets_a_script_that_it_hears_of_no_more(is_released: bool) -> None:
+    """The script was released, or it was that of an earlier mastership."""
+    pair = Pair()
+    for pe in pair.standby.spec.pes:
+        pair.say(pe, PeFlags.HEARS_LEASE)
+    holds = Control(pair.primary.core.term, 0, Operation.HOLDS, ElementKind.SCRIPT, 0)
+    pair.standby.hear(command_frame(holds))
+    if is_released:
+        pair.fly(200 * BEAT_NS)
+    else:
+        pair.standby.hear(command_frame(Lease(pair.primary.core.term + 2, 1, Step.GO_ALL, 0)))
+    pair.orphan("left", "middle", "right")
+    pair.standby.pass_time(200 * MS)
+    assert pair.standby.of("taken_over")
+    assert pair.standby.of("script_ended") == []
+
+
 def test_the_end_of_the_mastership_ends_it(held: OneManager) -> None:
     held.running.clear()
     held.pass_time(2000 * MS)
     assert held.of("hears_nobody")
     assert held.of("script_ended")
     assert script(held) == ("none", None)
+
+
+def test_a_manager_that_only_advises_takes_no_script() -> None:
+    manager = OneManager()
+    manager.core = ManagerCore(manager.spec, 126, NOTHING, manager.now_ns, advise=True)
+    manager.start(fly=False)
+    reply = say(manager, FlyTarget(target()))
+    assert (reply.done, reply.sentence) == (
+        False, "this manager only advises: give the order to the active manager",
+    )  # fmt: skip
 
 
 def test_before_anything_runs_a_script_is_refused() -> None:

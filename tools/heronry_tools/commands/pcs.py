@@ -144,17 +144,20 @@ def _add_apply(commands: Any) -> None:
     _add_subject(parser)
     _add_write(parser)
     parser.add_argument("--live", action="store_true", help="fly it: give it to the running manager of this spec")
-    _add_socket(parser)
+    _add_manager(parser)
 
 
 def _add_release(commands: Any) -> None:
     parser = _command(commands, "release", "end the script that the running manager holds", run_release)
-    parser.add_argument("--of", metavar="SPEC", help="name of the spec whose manager holds it (default: the only one)")
-    _add_socket(parser)
+    _add_manager(parser)
 
 
-def _add_socket(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+def _add_manager(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--of", metavar="NAME", help="name of the manager, as of 'heronry status' (default: the only one)"
+    )
+    which.add_argument(
         "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
     )
 
@@ -339,8 +342,8 @@ def _fly(arguments: argparse.Namespace) -> int:
     if arguments.plan is not None or arguments.write is not None:
         raise UserError("--live flies what runs: leave --plan and --write out")
     text = read_text(arguments.script)
-    path = arguments.socket or find_socket(load_spec(arguments.subject).name)
-    return _ordered(arguments, fly(path, text))
+    spec, path = load_spec(arguments.subject), arguments.socket or find_socket(arguments.of)
+    return _ordered(arguments, fly(path, text, spec))
 
 
 def run_release(arguments: argparse.Namespace) -> int:

@@ -8,17 +8,25 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+from heronry_dg.model import Spec
 from heronry_manager.core.reconfiguration import Stage
 from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_protocol import Answer, FlyScript
+from heronry_tools.console.errors import UserError
 
 PATIENCE_S: Final = 30.0  # the exact planner has no limit of time
 _LOOK_S = 0.02
 
 
-def fly(path: Path, text: str) -> Answer:
-    """Give a script to the manager on a socket; gives what became of it. Raises ControlError if no manager answers."""
+def fly(path: Path, text: str, spec: Spec) -> Answer:
+    """Give a script to the manager on a socket; gives what became of it.
+
+    Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
+    """
+    flies = dict(call(path, AskStatus()).status or {})
+    if flies["spec_digest"] != spec.digest:
+        raise UserError(f"the manager on {path} flies another spec, {flies['spec']}: name the right one with --of NAME")
     answer = call(path, FlyScript(text))
     until_s = time.monotonic() + PATIENCE_S
     while answer.done and time.monotonic() < until_s:
