@@ -50,19 +50,15 @@ from heronry_manager.core.vocabulary import (
     AskStatus,
     AskTraceback,
     ChannelsLost,
-    ClearElement,
     DriverEvent,
-    EnterPhase,
-    FailElement,
     JournalTold,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
+    OrderToExecute,
     PlanFailed,
     PlanReady,
     Reply,
-    SetPriority,
-    UnlockPe,
 )
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import Command, management_id
@@ -230,7 +226,7 @@ class ManagerCore:
             return ()
         return (self._execute(said.number, said.order),)
 
-    def _execute(self, number: int, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe) -> Reply:
+    def _execute(self, number: int, order: OrderToExecute) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._known.following.node}"
             return Reply(number, done=False, sentence=f"this manager only stands by: {where}")

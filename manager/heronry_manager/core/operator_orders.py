@@ -40,6 +40,7 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     FlyTarget,
+    OrderToExecute,
     ReleaseTarget,
     SetPriority,
     UnlockPe,
@@ -69,9 +70,7 @@ class OperatorOrders:
         self._spec, self._has_key = settings.spec, settings.key is not None
         self._turn, self._known, self._planning = turn, known, planning
 
-    def accept(
-        self, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyTarget | ReleaseTarget
-    ) -> Outcome:
+    def accept(self, order: OrderToExecute) -> Outcome:
         """Carry out an order; refuse one whose name is not in the spec, with a sentence that lists the spec's names."""
         try:
             match order:

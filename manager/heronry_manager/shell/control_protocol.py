@@ -42,16 +42,6 @@ class FlyScript:
 
 Question = AskStatus | AskTraceback
 Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
-    EnterPhase
-    | SetPriority
-    | FailElement
-    | ClearElement
-    | UnlockPe
-    | FlyScript
-    | ReleaseTarget
-    | AskStatus
-    | AskTraceback
-)
 """The orders on the line: as the core's, with the text of a script in the place of its target."""
 
 _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {

@@ -154,9 +154,7 @@ def _add_release(commands: Any) -> None:
 
 def _add_manager(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
-    which.add_argument(
-        "--of", metavar="NAME", help="name of the manager, as of 'heronry status' (default: the only one)"
-    )
+    which.add_argument("--of", metavar="NAME", help="name of the manager, if several run here")
     which.add_argument(
         "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
     )

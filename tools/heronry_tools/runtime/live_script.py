@@ -16,7 +16,7 @@ from heronry_manager.shell.control_protocol import Answer, FlyScript
 from heronry_tools.console.errors import UserError
 
 PATIENCE_S: Final = 30.0  # the exact planner has no limit of time
-_LOOK_S = 0.02
+_LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 
 
 def fly(path: Path, text: str, spec: Spec) -> Answer:

@@ -64,6 +64,8 @@ class Operator:
             self._excuse_idle(order.element)
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
+        elif isinstance(order, FlyScript | ReleaseTarget):
+            self._checks.script_ordered(term if isinstance(order, FlyScript) else None)
         elif isinstance(order, EnterPhase):
             self._checks.ordered(self._clock.now_ns, order.phase, term)
         elif isinstance(order, SetPriority):
