@@ -38,7 +38,7 @@ class ControlPath:
 
 
 def control_paths(spec: Spec, configuration: Configuration) -> dict[str, ControlPath]:
-    """Judge each plant of a spec under a configuration; every name in it must exist in the spec."""
+    """Assess each plant of a spec under a configuration; every name in it must exist in the spec."""
     if not spec.plants:
         return {}
     graph = plan_graph(spec, configuration)

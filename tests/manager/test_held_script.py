@@ -114,7 +114,7 @@ def test_released_while_it_is_deployed_it_goes_on_and_a_better_plan_is_sought_af
     assert manager.requests[-1].in_background
 
 
-def test_what_is_asked_for_can_be_taken_back(manager: OneManager) -> None:
+def test_what_is_asked_for_can_be_released(manager: OneManager) -> None:
     say(manager, FlyTarget(target()))
     assert say(manager, ReleaseTarget()).done
     assert script(manager) == ("refused", "the operator released it")

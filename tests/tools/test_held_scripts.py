@@ -1,4 +1,4 @@
-"""The simulator's judge of scripts: one is announced only where it may be held, and then only level 1 counts."""
+"""The oracle of scripts: one is announced only where it may be held, and then only level 1 counts."""
 
 from pathlib import Path
 
