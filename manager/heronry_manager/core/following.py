@@ -53,7 +53,7 @@ from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DIGESTS_KEPT = 4
 _TURNS = 3  # of announcements, in which a script that is held may stay unannounced
-_OTHER_FACTS = 2  # that have their turns, beside the latched faults: the phase and the script
+_OTHER_FACTS = 2  # that have their turns, beside latched faults and priorities: the phase and the script
 _NEVER = 1 << 30
 _GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
 
@@ -140,7 +140,7 @@ class Following:
 
     def holds_script(self) -> bool:
         """Tell whether the active manager holds a script of the operator, as far as this manager has heard."""
-        facts = _OTHER_FACTS + len(self._situation.failed.elements)
+        facts = _OTHER_FACTS + len(self._situation.failed.elements) + len(self._situation.priorities.facts())
         return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
 
     def planned(self, plan: Plan) -> None:
