@@ -81,6 +81,7 @@ class ElementKind(IntEnum):
     PHASE = 4
     CHANNEL = 5
     PRIORITY = 6
+    SCRIPT = 7  # in HOLDS alone, with index 0: a script of the operator is held
 
 
 class FaultCode(IntEnum):

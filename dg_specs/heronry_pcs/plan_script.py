@@ -14,7 +14,7 @@ A script can tell an edge that is no wire, since it leads from an input or betwe
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import product
 from math import prod
 from typing import Final
 
@@ -51,8 +51,13 @@ def module_graph(spec: Spec, configuration: Configuration) -> Graph:
     return Graph(spec.name, leaves, {}, Part(vertices, frozenset(wire_edges(configuration)), frozenset(leaves)))
 
 
-def apply_to_plan(text: str, spec: Spec, now: Situation, configuration: Configuration) -> PlanOutcome:
-    """Apply a script to a configuration, in the situation that PEs left out are chosen for."""
+def apply_to_plan(
+    text: str, spec: Spec, now: Situation, configuration: Configuration, most_placements: int = MOST_PLACEMENTS
+) -> PlanOutcome:
+    """Apply a script to a configuration, in the situation that PEs left out are chosen for.
+
+    If PEs can be chosen in more than `most_placements` ways, each one is the first possible one of the spec.
+    """
     space = _Space(spec, text)
     outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
     if outcome.errors:
@@ -60,7 +65,7 @@ def apply_to_plan(text: str, spec: Spec, now: Situation, configuration: Configur
     places = {name: space.place(name, outcome.after.leaves[name].image) for name in outcome.after.own.components}
     wired, no_wires = _wired(spec, outcome.after, places)
     free = [name for name in wired.modules if name in space.free]
-    return PlanOutcome(outcome.statements, (), _placed(spec, now, wired, free), no_wires)
+    return PlanOutcome(outcome.statements, (), _placed(spec, now, wired, free, most_placements), no_wires)
 
 
 def _target(leaf: Leaf, port: str) -> str:
@@ -134,17 +139,19 @@ def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Confi
     return Configuration(modules), tuple(no_wires)
 
 
-def _placed(spec: Spec, now: Situation, configuration: Configuration, free: list[str]) -> Configuration:
+def _placed(
+    spec: Spec, now: Situation, configuration: Configuration, free: list[str], most_placements: int
+) -> Configuration:
     """Choose the PEs of some modules: those of a legal configuration with the fewest published bits, if there is one.
 
     CPU is the same on every PE, so that level 7 decides nothing here.
     """
     hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
-    if not free or prod(map(len, hosts)) > MOST_PLACEMENTS:
+    if not free or prod(map(len, hosts)) > most_placements:
         return configuration
     left = survivors(spec, now)
     found = []
-    for number, pes in enumerate(islice(product(*hosts), MOST_PLACEMENTS)):
+    for number, pes in enumerate(product(*hosts)):
         moved = {name: replace(configuration.modules[name], pe=pe) for name, pe in zip(free, pes, strict=True)}
         placed = Configuration({**configuration.modules, **moved})
         found.append((sum(bus_loads_mbit_per_s(spec, hops(left, placed)).values()), number, placed))

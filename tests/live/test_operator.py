@@ -61,6 +61,9 @@ class Demo:
     def say(self, *order: str) -> subprocess.CompletedProcess[str]:
         return heronry(order[0], *order[1:], *self.flags)
 
+    def fly(self, script: Path, spec: Path) -> subprocess.CompletedProcess[str]:
+        return self.say("pcs", "apply", str(script), str(spec), "--live")
+
     def status(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(self.say("status", "--json").stdout)
         return found

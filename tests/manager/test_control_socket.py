@@ -20,22 +20,33 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     OperatorSaid,
-    Order,
+    ReleaseTarget,
     Reply,
     UnlockPe,
 )
 from heronry_manager.shell import control_client
 from heronry_manager.shell.control_client import call, find_socket
 from heronry_manager.shell.control_place import ControlError, default_socket
-from heronry_manager.shell.control_protocol import Answer, order_line, read_answer, read_order
+from heronry_manager.shell.control_protocol import (
+    LONGEST_ORDER_BYTES,
+    Answer,
+    FlyScript,
+    Spoken,
+    order_line,
+    read_answer,
+    read_order,
+)
 from heronry_manager.shell.control_socket import MOST_CALLERS, ControlSocket
+from heronry_manager.shell.script_orders import ScriptSaid
 
-ORDERS: list[Order] = [
+ORDERS: list[Spoken] = [
     AskStatus(),
     EnterPhase("glide"),
     FailElement("pe:nav"),
     ClearElement("device:gps"),
     UnlockPe("pe:nav"),
+    FlyScript("G.PruneEdges ();\n"),
+    ReleaseTarget(),
 ]
 
 
@@ -47,9 +58,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @contextmanager
-def manager_on(path: Path) -> Iterator[list[OperatorSaid]]:
+def manager_on(path: Path) -> Iterator[list[OperatorSaid | ScriptSaid]]:
     """A manager that executes every order; gives the orders."""
-    heard: list[OperatorSaid] = []
+    heard: list[OperatorSaid | ScriptSaid] = []
     stop_read, stop_write = os.pipe()
 
     def serve(control: ControlSocket) -> None:
@@ -73,7 +84,7 @@ def manager_on(path: Path) -> Iterator[list[OperatorSaid]]:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_an_order_arrives_as_it_was_given_and_is_answered(place: Path, order: Order) -> None:
+def test_an_order_arrives_as_it_was_given_and_is_answered(place: Path, order: Spoken) -> None:
     with manager_on(place) as heard:
         assert call(place, order) == Answer(True, "done", {"phase": "glide"})
     assert [said.order for said in heard] == [order]
@@ -207,8 +218,8 @@ def test_nonsense_is_answered_with_what_an_order_looks_like(place: Path, line: b
 
 def test_a_caller_that_never_ends_a_line_is_hung_up_on_and_others_are_heard(place: Path) -> None:
     with manager_on(place), caller_of(place) as caller:
-        caller.sendall(b"x" * 3000)
-        caller.sendall(b"x" * 3000)
+        caller.sendall(b"x" * LONGEST_ORDER_BYTES)
+        caller.sendall(b"x")
         assert caller.recv(1) == b""
         assert call(place, AskStatus()).done
 
@@ -258,5 +269,5 @@ def test_a_manager_that_does_not_answer_and_one_that_is_none(place: Path, monkey
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_what_is_written_is_read_back(order: Order) -> None:
+def test_what_is_written_is_read_back(order: Spoken) -> None:
     assert read_order(order_line(order)) == order

@@ -214,6 +214,11 @@ class TestContingencies:
         assert all(report.bits_per_s == 0 for report in found.buses.values())
         assert len(Ahead(policy).settle(none)) == len(SPEC.pes)
 
+    def test_none_is_looked_up_beside_the_target_of_a_script(self) -> None:
+        policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=table())
+        assert source(policy, RequestPlan(7, TAIL_LOST, RUNNING)) is Source.CONTINGENCIES
+        assert source(policy, RequestPlan(8, TAIL_LOST, RUNNING, target=Configuration())) is Source.IMMEDIATE
+
 
 class TestPrePlanning:
     def test_each_loss_is_pre_planned_in_the_order_of_the_spec(self, ahead: Ahead) -> None:

@@ -86,6 +86,7 @@ RULES = [
     Rule(r"heronry sim (big_blue|elevator_and_chute --runs 3 .*)", How.RUN, is_long=True),
     Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
+    Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key", How.RUN),
     Rule(r"heronry module try state_estimator .*", How.RUN),

@@ -158,6 +158,21 @@ def test_a_function_that_another_phase_does_not_want_ends_with_the_phase() -> No
     assert "experiment is no longer served: it is not wanted in phase landing" in lines
 
 
+def test_a_control_loop_is_told_when_it_opens_and_when_it_closes() -> None:
+    states = ["on_path", "open", "open", "unseen", "unmoved", "on_path", "on_path"]
+    story, loop = Story(ELEVATOR), "the control loop through pitch is"
+    events = [event("control_paths", MS, epoch=1 + n, plants={"pitch": state}) for n, state in enumerate(states)]
+    assert [(line.text.partition("] ")[2], line.tone) for line in told(story, events)] == [
+        (
+            f"{loop} open: nothing leads from a sensor that sees it to an actuator that moves it",
+            "bad",
+        ),
+        (f"{loop} open: no module runs on a sensor that sees it", "bad"),
+        (f"{loop} open: no module runs on an actuator that moves it", "bad"),
+        (f"{loop} closed again", "good"),
+    ]
+
+
 def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
     tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
     assert tones["tail_pe is lost: missed a heartbeat, was sent PINGs, silent for 3 periods"] == "fault"

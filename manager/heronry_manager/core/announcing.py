@@ -10,6 +10,7 @@ hears it again, and drops a fact that it has not heard for some turns (`known_si
 """
 
 from heronry_dg.model import Spec
+from heronry_manager.core.held_script import HeldScript
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_wire.management import ElementKind, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY
@@ -20,9 +21,9 @@ Fact = tuple[Operation, int, int]  # operation, a and b of CONTROL
 class Announcer:
     """Chooses the fact that is announced next."""
 
-    def __init__(self, spec: Spec, situation: KnownSituation) -> None:
+    def __init__(self, spec: Spec, situation: KnownSituation, script: HeldScript) -> None:
         self._phases = list(spec.phases)
-        self._situation = situation
+        self._situation, self._script = situation, script
         self._beat = 0
         self._told: dict[Fact, int] = {}  # number of the beat that announced each fact last
 
@@ -48,6 +49,8 @@ class Announcer:
         held = sorted(place for place in places if place is not None)
         facts = self._phase() + [(Operation.HOLDS, *place) for place in held]
         facts += self._situation.priorities.facts()
+        if self._script.target is not None:
+            facts.append((Operation.HOLDS, ElementKind.SCRIPT, 0))
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
         return facts
 

@@ -40,7 +40,7 @@ class Beat:
         """Begin a term: the first beat is due now."""
         settings = self._settings
         self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
-        self._announcer = Announcer(settings.spec, self._known.situation)
+        self._announcer = Announcer(settings.spec, self._known.situation, self._known.script)
         self._has_to_leave_out = False  # the last ALIVE named a PE that is no longer available
 
     def is_due(self) -> bool:

@@ -47,11 +47,14 @@ from heronry_manager.core.on_board import ContingencyNumbers
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import NO_EPOCH, Alive, Control, Lease, ManagementMessage
-from heronry_wire.protocol_times import LEARNS_LEASES, t_lease_ns
+from heronry_wire.management import NO_EPOCH, Alive, Control, ElementKind, Lease, ManagementMessage, Operation
+from heronry_wire.protocol_times import ANNOUNCED_EVERY, LEARNS_LEASES, t_lease_ns
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DIGESTS_KEPT = 4
+_TURNS = 3  # of announcements, in which a script that is held may stay unannounced
+_OTHER_FACTS = 2  # that have their turns, beside latched faults and priorities: the phase and the script
+_NEVER = 1 << 30
 _GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
 
 
@@ -85,6 +88,7 @@ class Following:
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
         self._behind_ns: int | None = None  # since when its term is lower than one that is known
+        self._beats_since_script = _NEVER  # since the active manager announced that it holds a script
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
@@ -97,6 +101,9 @@ class Following:
             case Alive(term, _, nodes) if term == self.term:
                 self._available = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
                 self._exclusion.named(self._available, self._turn.now_ns)
+                self._beats_since_script += 1
+            case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if term == self.term:
+                self._beats_since_script = 0
             case Control(term) if term == self.term:
                 return self._situation.overheard(node, message)
             case _:
@@ -117,6 +124,8 @@ class Following:
             self._behind_ns = None
         elif self._behind_ns is None:
             self._behind_ns = now_ns
+        if lease.term != self.term:
+            self._beats_since_script = _NEVER  # it ended with its mastership
         self.node, self.term, self.leased_ns = node, lease.term, now_ns
         self._orphaned_ns = now_ns + self._lease_ns + 1
         self._digests[lease.epoch] = lease.digest
@@ -128,6 +137,11 @@ class Following:
     def runs(self) -> Runs | None:
         """The running configuration: the last activated one that could be read, or the remembered one; or None."""
         return self._overheard.runs
+
+    def holds_script(self) -> bool:
+        """Tell whether the active manager holds a script of the operator, as far as this manager has heard."""
+        facts = _OTHER_FACTS + len(self._situation.failed.elements) + len(self._situation.priorities.facts())
+        return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
 
     def planned(self, plan: Plan) -> None:
         """Note a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""

@@ -6,6 +6,7 @@ Each change returns its consequences as values, in the order in which `reactions
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
     PeAsked           a module suspects a PE
+    TargetAsked       the operator wants what a script leads to; TargetReleased: no longer
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
 Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
@@ -30,6 +31,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
@@ -84,7 +86,19 @@ class PeAsked:
     pe: str
 
 
-SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased
+@dataclass(frozen=True, slots=True)
+class TargetAsked:
+    """The operator orders a configuration, which is legal."""
+
+    target: Configuration
+
+
+@dataclass(frozen=True, slots=True)
+class TargetReleased:
+    """The operator has ended a script."""
+
+
+SituationChange = PeAsked | HealthChange | PlanNeeded | LimitChanged | ModuleReleased | TargetAsked | TargetReleased
 Changes = Sequence[SituationChange]
 
 

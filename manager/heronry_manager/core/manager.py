@@ -30,6 +30,8 @@ the journal): the phase, latched faults, quarantines, what runs. PEs go on with 
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
@@ -48,19 +50,15 @@ from heronry_manager.core.vocabulary import (
     AskStatus,
     AskTraceback,
     ChannelsLost,
-    ClearElement,
     DriverEvent,
-    EnterPhase,
-    FailElement,
     JournalTold,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
+    OrderToExecute,
     PlanFailed,
     PlanReady,
     Reply,
-    SetPriority,
-    UnlockPe,
 )
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import Command, management_id
@@ -105,7 +103,7 @@ class ManagerCore:
         self._replanning, self._reactions, self._details = parts.replanning, parts.reactions, parts.known.details
         self._succession = Succession(parts)
         self._inbound = Inbound(parts, PeReports(parts), self._succession)
-        self._orders = OperatorOrders(settings, turn, parts.known)
+        self._orders = OperatorOrders(settings, turn, parts.known, parts.replanning.planning)
         self._journal_problem: str | None = None
         turn.emit(
             "manager_started",
@@ -128,6 +126,16 @@ class ManagerCore:
     def term(self) -> int:
         """Number of this manager's present or last mastership."""
         return self._turn.term
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the last epoch whose ACTIVATE went out, or that was adopted; None: there is none."""
+        return self._known.deployment.plan
+
+    @property
+    def now(self) -> Situation:
+        """The situation as this manager knows it."""
+        return self._known.situation.now()
 
     def hears(self, identifier: int) -> bool:
         """Tell whether the manager uses frames of an identifier; a driver may drop all others."""
@@ -218,7 +226,7 @@ class ManagerCore:
             return ()
         return (self._execute(said.number, said.order),)
 
-    def _execute(self, number: int, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe) -> Reply:
+    def _execute(self, number: int, order: OrderToExecute) -> Reply:
         if self._claim.state is Mastership.STANDBY:
             where = f"give the order to manager {self._known.following.node}"
             return Reply(number, done=False, sentence=f"this manager only stands by: {where}")
@@ -284,6 +292,7 @@ class ManagerCore:
             health=known.health,
             situation=known.situation,
             deployment=known.deployment,
+            script=known.script.status(),
             unknown_epoch=None if self._claim.state is Mastership.STANDBY else known.unknown_epoch(),
             authenticity=known.authenticity,
             details=self._details,

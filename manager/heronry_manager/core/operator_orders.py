@@ -9,10 +9,13 @@
                      PE that was failed may join again after the shortest hold-down. The manager sends CONTROL, CLEAR to
                      every PE, so that a PE reports a fault that persists immediately. If that frame is lost, a PE
                      reports it a second later, and a standby manager learns of the clearing some beats later
+    script, release  another configuration, which a script makes of the one that runs (`held_script`); it is refused
+                     while anything is under way, and where it is not legal
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The frame is not repeated:
                      if it is lost, the operator has to give the order again
 
-A manager that only advises takes all orders but the last as suppositions: it reports what it would do then.
+A manager that only advises takes orders of phases, failures and clearances as suppositions: it reports what it would do
+then.
 
 The consequences of an order are returned (`Outcome`). The caller carries them out in this order: the consequences of
 the changed situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has
@@ -22,13 +25,26 @@ the second time. The part that delivers orders decides which callers may give th
 
 from dataclasses import dataclass
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase
+from heronry_dg.verify import verify
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.known_situation import Changes
+from heronry_manager.core.known_situation import Changes, TargetAsked, TargetReleased
 from heronry_manager.core.latched_faults import OPERATOR_CODE, LatchedFault
+from heronry_manager.core.planning import Planning
+from heronry_manager.core.reconfiguration import Stage
 from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, SetPriority, UnlockPe
+from heronry_manager.core.vocabulary import (
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    FlyTarget,
+    OrderToExecute,
+    ReleaseTarget,
+    SetPriority,
+    UnlockPe,
+)
 from heronry_wire.management import MOST_FUNCTIONS, MOST_PRIORITY, Control, Operation
 
 OPERATOR = "the operator"
@@ -50,11 +66,11 @@ class Outcome:
 class OperatorOrders:
     """Carries out orders."""
 
-    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
+    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge, planning: Planning) -> None:
         self._spec, self._has_key = settings.spec, settings.key is not None
-        self._turn, self._known = turn, known
+        self._turn, self._known, self._planning = turn, known, planning
 
-    def accept(self, order: EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe) -> Outcome:
+    def accept(self, order: OrderToExecute) -> Outcome:
         """Carry out an order; refuse one whose name is not in the spec, with a sentence that lists the spec's names."""
         try:
             match order:
@@ -66,6 +82,10 @@ class OperatorOrders:
                     return self._fail(checked_element(self._spec, element))
                 case ClearElement(element):
                     return self._clear(checked_element(self._spec, element))
+                case FlyTarget(target, problem):
+                    return self._fly(target, problem)
+                case ReleaseTarget():
+                    return self._release()
                 case UnlockPe(element):  # pragma: no branch - nothing else is left
                     return self._unlock(checked_element(self._spec, element))
         except UnknownElementError as error:
@@ -119,6 +139,37 @@ class OperatorOrders:
         told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
         return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
+
+    def _fly(self, target: Configuration | None, problem: str) -> Outcome:
+        """Ask for a target that is legal; refuse any other, with an event."""
+        if self._turn.silent:
+            return Outcome(False, _ONLY_ADVISES)
+        reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)
+        if target is None or reason is not None:
+            reason = reason or "the script cannot be read"
+            if not self._known.script.is_asked:
+                self._known.script.refuse(reason)
+            return Outcome(False, f"the script is refused, and nothing has changed: {reason}")
+        follows = "it flies unless the best plan, which is being made, is better at level 1: see 'heronry status'"
+        return Outcome(True, f"the script leads to a legal configuration; {follows}", (TargetAsked(target),))
+
+    def _why_not_now(self) -> str | None:
+        deployment, planning = self._known.deployment, self._planning
+        if self._known.script.is_asked:
+            return "another script waits for the best plan: give the order again"
+        is_done = deployment.current is not None and deployment.current.stage is Stage.DONE
+        if not is_done or deployment.next is not None or (planning.is_owed and not planning.in_background):
+            return "a reconfiguration is under way: give the order again when 'heronry status' shows it done"
+        return None
+
+    def _why_not_legal(self, target: Configuration) -> str | None:
+        broken = verify(self._spec, self._known.situation.now(), target)
+        return str(broken[0]) if broken else None
+
+    def _release(self) -> Outcome:
+        if not self._known.script.release():
+            return Outcome(False, "no script is held: see 'heronry status'")
+        return Outcome(True, "the script is held no longer; a better plan is sought from now on", (TargetReleased(),))
 
     def _what_follows(self, where_it_commands: str) -> str:
         return _ONLY_ADVISES if self._turn.silent else where_it_commands

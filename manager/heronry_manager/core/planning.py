@@ -21,6 +21,7 @@ forgets them: the manager then finds the faults again. If a mastership begins wh
 request has no cause but the mastership itself. So every change in the events has a cause.
 """
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
@@ -30,6 +31,7 @@ from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_wire.protocol_times import PLAN_AGAIN_NS
 
 _IN_BACKGROUND = "a better plan"  # cause of an epoch that follows from a request in the background
+_SCRIPT = "a script of the operator"
 _FIRST = "a mastership begins"  # the cause if no PE is available; else a PE that joined is the cause
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
@@ -45,15 +47,22 @@ class Planning:
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
 
-    def ask(self, now: Situation, running: Placement | None, *, in_background: bool = False) -> None:
-        """Request a plan for this situation."""
+    def ask(
+        self,
+        now: Situation,
+        running: Placement | None,
+        *,
+        in_background: bool = False,
+        target: Configuration | None = None,
+    ) -> None:
+        """Request a plan for this situation, to be compared with the target of a script if there is one."""
         if not in_background:
             self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
         if not self.causes:
             self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
         self._request += 1
         self.waiting, self.again_ns, self.in_background = True, None, in_background
-        self._turn.ask(RequestPlan(self._request, now, running, in_background))
+        self._turn.ask(RequestPlan(self._request, now, running, in_background, target))
         self._turn.emit(
             "plan_requested",
             request=self._request,
@@ -108,6 +117,19 @@ class Planning:
         """Request the optimal plan for this situation, to replace the immediate plan that runs now."""
         self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
         self.ask(now, running, in_background=True)
+
+    def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
+        """Request the best plan of the situation, to compare the target of a script with it."""
+        self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
+        self.ask(now, running, in_background=True, target=target)
+
+    def target_taken(self) -> None:
+        """Note that a target is deployed instead of the plan: a later request in the background is another one."""
+        self.in_background = False
+
+    def target_refused(self) -> None:
+        """Go on with the answer as that of a request in the background."""
+        self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:
         """Drop the present request and its causes: another manager plans now."""

@@ -192,9 +192,9 @@ class PlanningPolicy:
     def _made_before(self, request: RequestPlan) -> Plan | None:
         """Find the plan of a contingency; None: there is none, or contingencies do not cover the situation.
 
-        They assume that no radio is limited, and no priority changed.
+        They assume that no radio is limited, no priority changed, and no script of the operator held or asked for.
         """
-        if self._contingencies is None or request.now.limits or request.now.priorities:
+        if self._contingencies is None or request.target is not None or request.now.limits or request.now.priorities:
             return None
         return self._contingencies.plan(request.now.down, request.now.phase, request.running)
 

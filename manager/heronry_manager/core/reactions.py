@@ -20,7 +20,15 @@ from collections.abc import Iterable
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.health import Change, HealthChange
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.known_situation import LimitChanged, ModuleReleased, PeAsked, PlanNeeded, SituationChange
+from heronry_manager.core.known_situation import (
+    LimitChanged,
+    ModuleReleased,
+    PeAsked,
+    PlanNeeded,
+    SituationChange,
+    TargetAsked,
+    TargetReleased,
+)
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.memory import Quarantined, Released
 from heronry_manager.core.pe_details import Look
@@ -47,6 +55,10 @@ class Reactions:
                     self._beat.ping(pe)
                 case LimitChanged():
                     self._replanning.limit(change)
+                case TargetAsked(target):
+                    self._replanning.fly(target)
+                case TargetReleased():
+                    self._replanning.release()
                 case ModuleReleased(module):  # pragma: no branch - nothing else is left
                     if self._claim.is_active:
                         self._known.deployment.stopped(module)

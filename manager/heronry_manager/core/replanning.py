@@ -3,6 +3,7 @@
     a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
                   manager has listened and the start-up window has closed. A standby manager requests nothing
     a plan        that runs already changes nothing; any other opens an epoch (`deployment`)
+    a script      of the operator names what is to run (`held_script`): it takes the place of a plan that is not better
     an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
                   background, or the core reports that the configuration has settled (`Settled`)
 
@@ -25,6 +26,7 @@ that, and advises nothing.
 `planning` drops answers that are late or doubled, and repeats a request after the planner has failed.
 """
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.plan import Plan
 from heronry_dg.verify import verify
@@ -57,6 +59,7 @@ class Replanning:
         since_ns = now_ns if change.since_ns is None else change.since_ns
         self.planning.causes.append(Cause(change.cause, now_ns, since_ns))
         self._known.deployment.abandon(change.cause)
+        self._known.script.situation_changed(self._known.situation.now(), change.cause)
         if self._claim.state is not Mastership.LISTENING and not self._known.health.starting():
             self.ask()
 
@@ -80,6 +83,20 @@ class Replanning:
         if not self._known.health.starting():
             self.ask()
 
+    # Scripts of the operator
+
+    def fly(self, target: Configuration) -> None:
+        """Request the best plan, to compare the target of a script with it."""
+        running = self._known.deployment.running
+        assert running is not None, "an order to change what runs is refused where nothing does"
+        self._known.script.ask(target)
+        self.planning.ask_for(target, self._known.situation.now(), running)
+
+    def release(self) -> None:
+        """Seek the best plan again, once nothing is under way."""
+        if self.planning.idle:
+            self._settle()
+
     # Plans
 
     def ask(self) -> None:
@@ -92,7 +109,8 @@ class Replanning:
             self._ask()
 
     def _ask(self) -> None:
-        self.planning.ask(self._known.situation.now(), self._known.deployment.running)
+        known = self._known
+        self.planning.ask(known.situation.now(), known.deployment.running, target=known.script.target)
 
     def tick(self) -> None:
         """Request a plan if the start-up window has just closed, or a failed request is due again."""
@@ -105,6 +123,7 @@ class Replanning:
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return
+        answer = self._weighed(answer)
         if self.planning.keeps_to(deployment.plan, answer):
             self._settle()
             return
@@ -121,9 +140,22 @@ class Replanning:
         else:
             deployment.prepare(answer.plan, self.planning.causes)
 
+    def _weighed(self, answer: PlanReady) -> PlanReady:
+        """Put the target of a script in the place of a plan that is not better at level 1."""
+        script, deployment = self._known.script, self._known.deployment
+        was_asked = script.is_asked
+        plan = script.weigh(answer.plan, self._known.situation.now(), deployment.running)
+        if was_asked and plan is not None and plan.configuration == script.target:
+            self.planning.target_taken()
+        elif was_asked:
+            self.planning.target_refused()
+        return answer if plan is None else PlanReady(answer.request, plan)
+
     def failed(self, answer: PlanFailed) -> None:
         """Note that the planner could not answer."""
         if self.planning.failed(answer) and self.planning.in_background:
+            if self._known.script.is_asked:
+                self._known.script.refuse(f"there is no plan to compare it with: {answer.reason}")
             self.planning.causes.clear()
             self._settle()
 
@@ -177,7 +209,8 @@ class Replanning:
         if running is None or deployment.next is not None or self.planning.waiting:
             return
         now = self._known.situation.now()
-        if plan is not None and not plan.optimal and not self.planning.in_background:
+        may_improve = plan is not None and not plan.optimal and self._known.script.target is None
+        if may_improve and not self.planning.in_background:
             self.planning.ask_in_background(now, running)
         else:
             self._turn.ask(Settled(now, running))

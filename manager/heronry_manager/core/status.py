@@ -20,6 +20,7 @@ A pure function of the parts of the core. The document is versioned; a later ver
     disagreements   list of module (a comparator), by, detail
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the epoch's plan; if that
                     is not known, served, mode and value are null)
+    script          state (none, asked, held, refused, ended) and why
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule no PE watches now, because no module that gives its variable runs
 """
@@ -49,6 +50,7 @@ def status(
     health: Health,
     situation: KnownSituation,
     deployment: Deployment,
+    script: Mapping[str, Any],
     unknown_epoch: int | None,
     authenticity: Authenticity | None = None,
     details: PeDetails,
@@ -79,6 +81,7 @@ def status(
         "channels": situation.channels.lost_by(),
         "disagreements": [{"module": m, "by": pe, "detail": d} for m, pe, d in situation.disagreements.all()],
         "functions": {f.name: _function(f, now, plan, unknown_epoch) for f in spec.functions.values()},
+        "script": dict(script),
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),
     }

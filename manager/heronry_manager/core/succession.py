@@ -95,6 +95,8 @@ class Succession:
             silent_ns=silent_ns,
             phase=known.situation.phase,
         )
+        if followed.holds_script():
+            known.script.end(f"the mastership of manager {followed.node}, which held it, has ended")
         known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
         known.health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
         self._replanning.take_over(Cause("no manager was active", now_ns, known_ns))
@@ -117,5 +119,6 @@ class Succession:
         self._claim.fall_silent()
 
     def _forget(self) -> None:
+        self._known.script.mastership_ends()
         self._replanning.planning.forget()
         self._known.begin()

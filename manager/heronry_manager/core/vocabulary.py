@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
@@ -22,13 +23,15 @@ class RequestPlan:
     """Request a plan; answer with PlanReady or PlanFailed and the same number.
 
     running: the running configuration; None: none is known. in_background: the optimal plan is wanted, however long it
-    takes. Else a legal plan is wanted immediately.
+    takes. Else a legal plan is wanted immediately. target: what a script of the operator leads to (`held_script`): the
+    plan is compared with it, and no contingency answers.
     """
 
     request: int
     now: Situation
     running: Placement | None
     in_background: bool = False
+    target: Configuration | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +144,25 @@ class UnlockPe:
 
 
 @dataclass(frozen=True, slots=True)
+class FlyTarget:
+    """The operator orders what a script makes of the running configuration; None: the script has this `problem`."""
+
+    target: Configuration | None
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseTarget:
+    """The operator ends the script that is held."""
+
+
+@dataclass(frozen=True, slots=True)
 class AskStatus:
     """The operator requests the status."""
 
 
-Order = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | AskStatus | AskTraceback
+OrderToExecute = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyTarget | ReleaseTarget
+Order = OrderToExecute | AskStatus | AskTraceback
 
 
 @dataclass(frozen=True, slots=True)

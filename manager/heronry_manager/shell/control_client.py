@@ -8,9 +8,9 @@ import os
 import socket
 from pathlib import Path
 
-from heronry_manager.core.vocabulary import AskTraceback, Order
+from heronry_manager.core.vocabulary import AskTraceback
 from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
-from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
+from heronry_manager.shell.control_protocol import Answer, Spoken, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
@@ -18,7 +18,7 @@ PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process 
 TRACEBACK_PATIENCE_S = 30.0  # for a traceback that a PE gives on a slow bus, of which it may use a tenth
 
 
-def call(path: Path, order: Order) -> Answer:
+def call(path: Path, order: Spoken) -> Answer:
     """Give an order to the manager on a socket; raises ControlError if no manager of this user answers."""
     checked_length(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:

@@ -7,6 +7,8 @@
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
+    {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
+    {"v": 1, "do": "release"}                                       the script that is held
 
 Every request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
 """
@@ -22,20 +24,33 @@ from heronry_manager.core.vocabulary import (
     ClearElement,
     EnterPhase,
     FailElement,
-    Order,
+    ReleaseTarget,
     SetPriority,
     UnlockPe,
 )
 
 VERSION = 1
-LONGEST_ORDER_BYTES = 4096
+LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
-_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | AskTraceback]] = {
+
+@dataclass(frozen=True, slots=True)
+class FlyScript:
+    """The operator orders to fly a script of component graphs; `script_orders` makes its target of it."""
+
+    text: str
+
+
+Question = AskStatus | AskTraceback
+Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
+"""The orders on the line: as the core's, with the text of a script in the place of its target."""
+
+_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
     "phase": EnterPhase,
     "fail": FailElement,
     "clear": ClearElement,
     "unlock": UnlockPe,
     "traceback": AskTraceback,
+    "script": FlyScript,
 }
 
 
@@ -48,7 +63,7 @@ class Answer:
     status: Mapping[str, Any] | None = None
 
 
-def order_line(order: Order) -> bytes:
+def order_line(order: Spoken) -> bytes:
     """Encode a request."""
     match order:
         case AskStatus():
@@ -65,9 +80,13 @@ def order_line(order: Order) -> bytes:
             return _line({"v": VERSION, "do": "unlock", "what": element})
         case AskTraceback(element):
             return _line({"v": VERSION, "do": "traceback", "what": element})
+        case FlyScript(text):
+            return _line({"v": VERSION, "do": "script", "what": text})
+        case ReleaseTarget():
+            return _line({"v": VERSION, "do": "release"})
 
 
-def read_order(line: bytes) -> Order | str:
+def read_order(line: bytes) -> Spoken | str:
     """Decode a request; gives a sentence on what is wrong if it is not one."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
@@ -76,6 +95,8 @@ def read_order(line: bytes) -> Order | str:
             return AskStatus()
         case {"v": _, "do": "priority", "what": str(what), "to": int() | None as priority}:
             return SetPriority(what, priority)
+        case {"v": _, "do": "release"}:
+            return ReleaseTarget()
         case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
             return _WITH_WHAT[do](what)
         case _:

@@ -20,7 +20,8 @@ from typing import IO, Self
 
 from heronry_manager.core.vocabulary import OperatorSaid, Reply
 from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder, user_beyond
-from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, answer_line, read_order
+from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, FlyScript, answer_line, read_order
+from heronry_manager.shell.script_orders import ScriptSaid
 
 MOST_CALLERS = 16
 
@@ -55,10 +56,10 @@ class ControlSocket:
         """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
         return [self._listener, *self._callers]
 
-    def poll(self) -> list[OperatorSaid]:
+    def poll(self) -> list[OperatorSaid | ScriptSaid]:
         """Return the orders that have arrived, without waiting; a line that is no order is answered immediately."""
         ready, _, _ = select.select(self.readers(), [], [], 0)
-        said = []
+        said: list[OperatorSaid | ScriptSaid] = []
         for one in ready:
             if one is self._listener:
                 self._let_in()
@@ -98,7 +99,7 @@ class ControlSocket:
             else:
                 caller.close()
 
-    def _hear(self, caller: socket.socket) -> list[OperatorSaid]:
+    def _hear(self, caller: socket.socket) -> list[OperatorSaid | ScriptSaid]:
         try:
             chunk = caller.recv(LONGEST_ORDER_BYTES)
         except OSError:
@@ -110,13 +111,15 @@ class ControlSocket:
             self._drop(caller)
         return said
 
-    def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | None:
+    def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | None:
         order = read_order(line)
         if isinstance(order, str):
             self._tell(caller, Answer(done=False, sentence=order))
             return None
         self._number += 1
         self._awaiting_answer[self._number] = caller
+        if isinstance(order, FlyScript):
+            return ScriptSaid(self._number, order)
         return OperatorSaid(self._number, order)
 
     def _tell(self, caller: socket.socket, answer: Answer) -> None:

@@ -19,8 +19,10 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+from heronry_dg.model import Spec
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import (
@@ -39,6 +41,8 @@ from heronry_manager.core.vocabulary import (
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.journal import Journal
 from heronry_manager.shell.planner_processes import PlannerProcesses
+from heronry_manager.shell.plants import Plants
+from heronry_manager.shell.script_orders import ScriptSaid
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
@@ -74,11 +78,13 @@ class ManagerDriver:
         *,
         journal: Journal | None,
         service: ServiceManager,
+        spec: Spec,
         emit: Emitter,
     ) -> None:
         """`emit` is called with every event as it happens; without a journal nothing survives a restart."""
         self._core, self._link, self._planners, self._control = core, link, planners, control
-        self._emit, self._service, self._journal = emit, service, journal
+        self._emit, self._service, self._journal, self._spec = emit, service, journal, spec
+        self._plants = Plants(spec)
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
         self._frozen_ns: int | None = None  # the core's time while the bus is lost; None: it is not
@@ -107,7 +113,7 @@ class ManagerDriver:
             for answer in self._planners.poll():
                 self._step(answer)
             for said in self._control.poll():
-                self._step(said)
+                self._step(said.target(self._spec, self._core) if isinstance(said, ScriptSaid) else said)
             deadline_ns = self._core.next_deadline_ns()
             if deadline_ns is not None and self._now_ns() >= deadline_ns and self._frozen_ns is None:
                 self._step(Tick())
@@ -197,12 +203,20 @@ class ManagerDriver:
                     answers += self._planners.take(action)
                 case Emit(told):
                     self._emit(told)
+                    follows = self._plants.after(told, self._core.plan)
+                    if follows is not None:
+                        self._emit(follows)
                 case Keep(record):
                     if self._journal is not None:
                         self._journal.write(record)
                 case Reply():
-                    self._control.answer(action)
+                    self._answer(action)
                 case Stop(reason):
                     self._stop_reason = reason
         for known in answers:
             self._step(known)
+
+    def _answer(self, reply: Reply) -> None:
+        if reply.status is not None:
+            reply = replace(reply, status={**reply.status, **self._plants.status(self._core.plan)})
+        self._control.answer(reply)

@@ -15,6 +15,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
 
 if TYPE_CHECKING:
+    from heronry_manager.shell.control_protocol import Answer
     from heronry_pcs.assessment import Assessment
     from heronry_pcs.graph import Edge, Graph
     from heronry_tools.analysis.control.subject import Subject
@@ -31,6 +32,8 @@ examples:
   heronry pcs edit g_eav combine g_max --write both.pcs.json       two systems as one graph
   heronry pcs apply dg_specs/polymorphic/g_star.pcs.script both.pcs.json
   heronry pcs script both.pcs.json g_star                     what has to be done to get there
+  heronry pcs apply moved.pcs.script big_blue --live          fly it with the running manager
+  heronry pcs release                                         what was flown so is held until then
   heronry pcs cut g_star                                      what the radio carries at least
 """
 _OPERATIONS = ("cprune", "removal", "addition", "addEdge", "combine", "contract", "expand")
@@ -58,6 +61,7 @@ def add_parsers(subparsers: Any) -> None:
     _add_edit(commands)
     _add_script(commands)
     _add_apply(commands)
+    _add_release(commands)
     cut = _command(commands, "cut", "tell what two sides exchange at least", run_cut)
     _add_subject(cut)
 
@@ -139,6 +143,21 @@ def _add_apply(commands: Any) -> None:
     parser.add_argument("script", metavar="SCRIPT", help="a *.pcs.script file (- for standard input)")
     _add_subject(parser)
     _add_write(parser)
+    parser.add_argument("--live", action="store_true", help="fly it: give it to the running manager of this spec")
+    _add_manager(parser)
+
+
+def _add_release(commands: Any) -> None:
+    parser = _command(commands, "release", "end the script that the running manager holds", run_release)
+    _add_manager(parser)
+
+
+def _add_manager(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--of", metavar="NAME", help="name of the manager, if several run here")
+    which.add_argument(
+        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
+    )
 
 
 def _names(text: str) -> list[str]:
@@ -286,7 +305,9 @@ def _compared(text: str, spec: str | None) -> "Graph":
 
 
 def run_apply(arguments: argparse.Namespace) -> int:
-    """Try a script; returns 0 if it has no error, 1 if it has."""
+    """Try a script, or fly it; returns 0 if it has no error, or holds; else 1."""
+    if arguments.live:
+        return _fly(arguments)
     from heronry_pcs.graph_files import document  # noqa: PLC0415
     from heronry_tools.analysis.control.trial import try_script  # noqa: PLC0415
     from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
@@ -307,6 +328,39 @@ def run_apply(arguments: argparse.Namespace) -> int:
     said = errors_text(arguments.script, trial.errors) if trial.errors else graph_text(trial.after)
     _say(arguments, result, said + trial_text(trial.statements, len(trial.errors), trial.violations or ()))
     return int(bool(trial.errors))
+
+
+def _fly(arguments: argparse.Namespace) -> int:
+    """Give a script to the running manager, and wait until it holds or is refused."""
+    from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
+    from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
+
+    if arguments.plan is not None or arguments.write is not None:
+        raise UserError("--live flies what runs: leave --plan and --write out")
+    text = read_text(arguments.script)
+    spec, path = load_spec(arguments.subject), arguments.socket or find_socket(arguments.of)
+    return _ordered(arguments, fly(path, text, spec))
+
+
+def run_release(arguments: argparse.Namespace) -> int:
+    """End a script that is held; returns 0, or 1 where none is."""
+    from heronry_manager.core.vocabulary import ReleaseTarget  # noqa: PLC0415 - keeps other commands quick
+    from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415
+
+    return _ordered(arguments, call(arguments.socket or find_socket(arguments.of), ReleaseTarget()))
+
+
+def _ordered(arguments: argparse.Namespace, answer: "Answer") -> int:
+    """Say what a manager answered; returns the exit code."""
+    if arguments.json:
+        print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
+    elif answer.done:
+        print(answer.sentence)
+    else:
+        print(f"heronry: {answer.sentence}", file=sys.stderr)
+    return 0 if answer.done else 1
 
 
 def run_cut(arguments: argparse.Namespace) -> int:

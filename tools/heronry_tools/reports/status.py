@@ -13,12 +13,14 @@ _WORDS = {Mastership.ACTIVE.value: "active"}  # of a state whose value is an old
 def report(status: Mapping[str, Any]) -> Iterator[str]:
     """Write a status document as lines of text."""
     yield from _head(status)
+    yield from _script(status["script"])
     yield from _troubles(status)
     yield from _pes(status["pes"])
     if status["manager"]["state"] == Mastership.STANDBY.value:
         yield "only the active manager knows which functions are served"
         return
     yield from _functions(status["functions"])
+    yield from _plants(status.get("plants", {}))
     yield from _buses(status["buses"])
 
 
@@ -71,6 +73,17 @@ def _told_without_a_fault(status: Mapping[str, Any]) -> Iterator[str]:
         yield f"! {name} has priority {changed['priority']}, set by {words[changed['by']]}"
 
 
+def _script(script: Mapping[str, Any]) -> Iterator[str]:
+    words = {
+        "asked": "a script of the operator waits for the best plan, which is compared with it",
+        "held": "a script of the operator is held: no better plan is sought; 'heronry pcs release' ends it",
+        "refused": f"the last script was refused, and changed nothing: {script['why']}",
+        "ended": f"the last script is held no longer: {script['why']}",
+    }
+    if script["state"] in words:
+        yield words[script["state"]]
+
+
 def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
     yield "PEs"
     for name, pe in pes.items():
@@ -113,6 +126,14 @@ def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
         else:
             state = f"NOT SERVED: {function['why_not']}"
         yield f"  {name:<16} {function['criticality']}  {state}"
+
+
+def _plants(plants: Mapping[str, Any]) -> Iterator[str]:
+    if plants:
+        yield "control loops, as planned"
+    for name, plant in plants.items():
+        state = "closed" if plant["why"] is None else f"OPEN, because {plant['why']}"
+        yield f"  the loop through {name}: {state}"
 
 
 def _buses(buses: Mapping[str, Any]) -> Iterator[str]:

@@ -53,6 +53,9 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "priority_changed": ("PRIORITY of {function}: {priority} (was {before}), requested by {by}", "title"),
     "priority_refused": ("priority {priority} of {function}, requested by {by}, is refused: {why}", "bad"),
     "phase_changed": ("PHASE {phase} (was {before}), requested by {by}", "title"),
+    "script_taken": ("the operator's script is deployed: {reason}", "title"),
+    "script_refused": ("the operator's script changes nothing: {reason}", "bad"),
+    "script_ended": ("the operator's script is held no longer: {reason}", "title"),
     "journal_failed": ("the journal cannot be written: {problem}", "bad"),
     "journal_kept": ("the journal is written again", "good"),
     "standing_by": ("a standby manager follows manager {node}, term {term}", "quiet"),
@@ -64,6 +67,11 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     ),
     "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
     "unknown_epoch": ("this manager does not know the running epoch {epoch}, and gives no advice", "bad"),
+}
+_PATHS: Mapping[str, str] = {  # by the state of a plant in control_paths
+    "unmoved": "open: no module runs on an actuator that moves it",
+    "unseen": "open: no module runs on a sensor that sees it",
+    "open": "open: nothing leads from a sensor that sees it to an actuator that moves it",
 }
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
@@ -86,6 +94,7 @@ class Story:
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
     _plan: Mapping[str, Any] = field(default_factory=dict)
+    _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
     _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
 
@@ -120,14 +129,14 @@ class Story:
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
                 yield from self._reconfigured(event)
+            case "control_paths":
+                yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
             case "advice" | "stood_still" | "heartbeat" | "logs":
                 yield _TELLERS[kind](event)
-            case "outage":
-                yield from self._outage(event)
-            case "summary":
-                yield from self._summary(event)
+            case "outage" | "summary":
+                yield from self._witnessed(event)
             case _:
                 pass
 
@@ -184,12 +193,25 @@ class Story:
         else:
             yield from self._roster()
 
+    def _control_paths(self, paths: Mapping[str, str]) -> Iterator[Line]:
+        """Give a line for each loop through a plant that opens or closes; at first, for each that is open."""
+        for plant, state in paths.items():
+            was = self._paths.get(plant, "on_path")
+            if state == "on_path" and was != "on_path":
+                yield Line(f"the control loop through {plant} is closed again", "good")
+            elif state != was:
+                yield Line(f"the control loop through {plant} is {_PATHS[state]}", "bad")
+        self._paths = paths
+
     def _roster(self) -> Iterator[Line]:
         for pe in self.spec.pes:
             runs = [f"{n}:{m['mode']}" for n, m in self._plan["modules"].items() if m["pe"] == pe]
             used, capacity = self._plan["pes"].get(pe, {"cpu_millis": 0})["cpu_millis"], self.spec.pes[pe].cpu_millis
             names = ", ".join(name.removesuffix(":only") for name in runs)
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
+
+    def _witnessed(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        yield from self._outage(event) if event["event"] == "outage" else self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for an outage when it is over; for a long outage, also one while it lasts."""

@@ -96,7 +96,8 @@ def mastership(arguments: argparse.Namespace) -> int:
             )
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
-            driver = ManagerDriver(core, link, planners, control, journal=journal, service=service, emit=tell)
+            parts = (core, link, planners, control)
+            driver = ManagerDriver(*parts, journal=journal, service=service, spec=spec, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)

@@ -26,9 +26,10 @@ from typing import IO, Self
 from heronry_dg.model import Spec
 from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.file_format import to_bytes
-from heronry_manager.core.vocabulary import AskStatus, Order
+from heronry_manager.core.vocabulary import AskStatus
 from heronry_manager.shell.control_client import call
 from heronry_manager.shell.control_place import ControlError, default_socket
+from heronry_manager.shell.control_protocol import Spoken
 from heronry_tools.analysis.made_ahead import Ahead
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.buses import BusChoice
@@ -171,7 +172,7 @@ class Fleet:
                 stream.close()
         return process.pid
 
-    def order(self, order: Order, place: str) -> None:
+    def order(self, order: Spoken, place: str) -> None:
         """Give an order to the active manager; raises UserError, which names `place`, where the manager refuses."""
         try:
             answer = call(self.control_socket(self.active_manager()), order)

@@ -11,13 +11,23 @@ with `insist`. A manager that has restarted with its journal is told nothing aga
 from heronry_dg.losses import lost_elements
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
-from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Reply, SetPriority
+from heronry_manager.core.vocabulary import (
+    AskStatus,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    ReleaseTarget,
+    Reply,
+    SetPriority,
+)
+from heronry_manager.shell.control_protocol import FlyScript
+from heronry_manager.shell.script_orders import target_of
 from heronry_tools.sim.flight.managers import Managers
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 
-Order = EnterPhase | SetPriority | FailElement | ClearElement
+Order = EnterPhase | SetPriority | FailElement | ClearElement | FlyScript | ReleaseTarget
 
 _AGAIN_NS = 100_000_000
 _AWAY = ("down", "returning")
@@ -40,7 +50,10 @@ class Operator:
     def say(self, order: Order) -> Reply | None:
         """Give an order to the active manager; gives its answer, or None where no manager is active."""
         manager = self._managers.commanding
-        reply = None if manager is None else manager.say(order)
+        reply = None
+        if manager is not None:
+            said = target_of(order.text, self._spec, manager.core) if isinstance(order, FlyScript) else order
+            reply = manager.say(said)
         if manager is None or reply is None or not reply.done:
             return reply
         term = manager.core.term
@@ -51,6 +64,8 @@ class Operator:
             self._excuse_idle(order.element)
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
+        elif isinstance(order, FlyScript | ReleaseTarget):
+            self._checks.script_ordered(term if isinstance(order, FlyScript) else None)
         elif isinstance(order, EnterPhase):
             self._checks.ordered(self._clock.now_ns, order.phase, term)
         elif isinstance(order, SetPriority):

@@ -128,6 +128,11 @@ class Checks:
         for oracle in self._oracles:
             oracle.set_priority(t_ns, function, priority)
 
+    def script_ordered(self, term: int | None) -> None:
+        """The operator has ordered a script, and a manager has accepted it in this term; None: a release."""
+        for oracle in self._oracles:
+            oracle.script_ordered(term)
+
     def declared(self, t_ns: int, element: str) -> None:
         """The operator has declared that an element has failed, and a manager plans without it."""
         for oracle in self._oracles:
@@ -204,7 +209,14 @@ class Checks:
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give the violations at this moment of what must hold once a run has settled."""
         known = self._known
-        seen = Seen(known.epochs.last, known.witness, known.commanded.current, known.phases.named, known.service.held)
+        seen = Seen(
+            known.epochs.last,
+            known.witness,
+            known.commanded.current,
+            known.phases.named,
+            known.service.held,
+            is_script_held=known.scripts.is_held(now_ns),
+        )
         return end_state(self._spec, truth, now_ns, seen)
 
     def is_well(self, t_ns: int) -> None:

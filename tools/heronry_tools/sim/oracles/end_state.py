@@ -3,8 +3,9 @@
 - Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
   it runs and can reach the manager's bus.
 - The configuration that was activated last is legal in the true situation. In levels 1 to 3 (criticality, utility,
-  inputs) its value is no less than that of the best plan. (A failed device or module counts only once its failure was
-  reported and acknowledged, or declared by the operator. Where no PE is left, no PE can run another configuration.)
+  inputs) its value is no less than that of the best plan; while a script of the operator is held, in level 1. (A failed
+  device or module counts only once its failure was reported and acknowledged, or declared by the operator. Where no PE
+  is left, no PE can run another configuration.)
 - The phase that the manager sends (CONTROL, HOLDS) is the true phase.
 - In each class A to D, the priorities of the functions that are heard add up to no less than the best plan's.
 
@@ -29,6 +30,7 @@ from heronry_wire.state_frames import PeState
 
 _PATIENCE_BEATS = 3
 _NOTICED_WHEN_USED = ("device:", "module:")
+_CLASSES = len(CRITICAL_CLASSES)
 _VERIFIED_LEVELS = 6  # classes A to D, utility, inputs
 
 
@@ -41,13 +43,14 @@ class Seen:
     current: Epoch | None
     phase: str | None  # the phase that the active manager sent last
     held: set[str]  # elements whose failure was acknowledged or declared, and that were not cleared
+    is_script_held: bool = False
 
 
 def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
     """Give the requirements that are violated now; none may be once a run has settled."""
     stories = [
         *_unsettled(spec, truth, now_ns, seen.last),
-        *_worse(spec, truth, seen.current),
+        *_worse(spec, truth, seen.current, _CLASSES if seen.is_script_held else _VERIFIED_LEVELS),
         *_illegal(spec, truth, seen.current, seen.held),
         *(
             [("phase", f"the phase is {truth.phase}, but the manager sends {seen.phase}")]
@@ -84,11 +87,11 @@ def _unsettled(
         yield "active", f"the healthy PEs are in epochs {sorted(epochs)}"
 
 
-def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tuple[str, str]]:
+def _worse(spec: Spec, truth: Situation, current: Epoch | None, compared: int) -> Iterator[tuple[str, str]]:
     if current is None or current.configuration is None:
         return
-    is_worth = score(spec, truth, current.configuration, None).key()[:_VERIFIED_LEVELS]
-    could_be = best_at_all(spec, truth).objective.key()[:_VERIFIED_LEVELS]
+    is_worth = score(spec, truth, current.configuration, None).key()[:compared]
+    could_be = best_at_all(spec, truth).objective.key()[:compared]
     if is_worth < could_be:
         yield "optimal", f"epoch {current.number} has value {is_worth}, but the best plan has {could_be}"
 

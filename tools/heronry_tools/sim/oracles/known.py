@@ -17,6 +17,7 @@ from heronry_tools.sim.oracles.phase import PhaseCheck
 from heronry_tools.sim.oracles.planned_load import PlannedLoadCheck
 from heronry_tools.sim.oracles.priorities import PriorityCheck
 from heronry_tools.sim.oracles.proven_states import ProvenStates
+from heronry_tools.sim.oracles.scripts import ScriptCheck
 from heronry_tools.sim.oracles.service import ServiceCheck
 from heronry_tools.sim.oracles.solitude import Solitude
 from heronry_tools.sim.oracles.terms import TermCheck
@@ -41,4 +42,5 @@ class Known:
         self.service = ServiceCheck(spec, self.solitude.ended_ns)
         self.phases = PhaseCheck(spec, self.service.entered)
         self.priorities = PriorityCheck(spec, self.service.prioritized)
+        self.scripts = ScriptCheck()
         self.planned_load = PlannedLoadCheck(spec)

@@ -34,6 +34,7 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: JournalCheck(known.spec, known.read_journal),
     lambda known: known.phases,
     lambda known: known.priorities,
+    lambda known: known.scripts,
     lambda known: known.blame,
     lambda known: known.planned_load,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),

@@ -21,7 +21,7 @@ _NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: kill, restore, stop, go_on, phase, fail or clear."""
+    """One step: kill, restore, stop, go_on, phase, fail, clear, script or release."""
 
     at_ns: int
     what: str

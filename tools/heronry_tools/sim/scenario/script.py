@@ -20,6 +20,7 @@ Times are seconds from the moment at which the first configuration runs. What ca
 
     kill|restore pe:NAME|manager|primary|standby
     phase NAME       fail|clear KIND:NAME       priority FUNCTION N|default     (orders of the operator)
+    script FILE      release                    (orders as well; FILE.pcs.script, from the scenario's folder)
     stick device:NAME                  the device still answers, but with its last reading (simulator)
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
 
@@ -51,7 +52,8 @@ from heronry_dg.situation import (
     checked_phase,
     situation,
 )
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, SetPriority
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, ReleaseTarget, SetPriority
+from heronry_manager.shell.control_protocol import FlyScript
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
@@ -63,11 +65,15 @@ def _priority(text: str) -> SetPriority:
     return SetPriority(function, int(priority) if priority else None)
 
 
-ORDERS: Mapping[str, Callable[[str], EnterPhase | SetPriority | FailElement | ClearElement]] = {
+ORDERS: Mapping[
+    str, Callable[[str], EnterPhase | SetPriority | FailElement | ClearElement | FlyScript | ReleaseTarget]
+] = {
     "phase": EnterPhase,
     "priority": _priority,
     "fail": FailElement,
     "clear": ClearElement,
+    "script": FlyScript,
+    "release": lambda _: ReleaseTarget(),
 }
 """Orders of the operator, by the word for each in a script."""
 
@@ -96,8 +102,8 @@ class Deed:
 
     line: int
     at_ns: int
-    what: str  # kill, restore, phase, fail, clear, stick, fault
-    target: str
+    what: str  # kill, restore, phase, fail, clear, script, release, stick, fault
+    target: str  # of `script`: its text
     text: str
     fault: Fault | None = None
 
@@ -275,14 +281,26 @@ class _Reader:
                 deed = Deed(self.number, at_ns, "priority", self._checked_priority(function, priority), text)
             case ["fail" | "clear" as what, element]:
                 deed = Deed(self.number, at_ns, what, self._element(element), text)
+            case ["script", name]:
+                deed = Deed(self.number, at_ns, "script", self._script_text(name), text)
+            case ["release"]:
+                deed = Deed(self.number, at_ns, "release", "", text)
             case ["stick", device] if device.startswith("device:"):
                 deed = Deed(self.number, at_ns, "stick", self._element(device), text)
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
-                known = ["kill", "restore", "phase", "priority", "fail", "clear", "stick", *KINDS]
+                known = ["kill", "restore", "phase", "priority", "fail", "clear", "script", "release", "stick", *KINDS]
                 self._refuse(f"'{text}' cannot be done; {_hint(words[0], known)}")
         self.deeds.append(deed)
+
+    def _script_text(self, name: str) -> str:
+        file = self.file.parent / name
+        try:
+            return file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = "it is not text in UTF-8" if isinstance(error, UnicodeDecodeError) else error.strerror
+            self._refuse(f"{file}: {reason}; name a *.pcs.script file")
 
     def _in_turn(self, deed: Deed) -> None:
         """Refuse to kill a target that does not run, or to restore one that runs."""

@@ -1,0 +1,125 @@
+"""A script of the operator: another configuration is to run, and to stay.
+
+The core knows no component graphs. An order names the *target*: the configuration that the script makes of the one that
+runs. There are two targets at most:
+
+    asked   the target is legal now. The core has requested the best plan of the situation, and compares the two
+    held    the target was not worse at level 1. It is an epoch, like any plan, and stays: no better plan is sought in
+            the background, and contingencies do not apply (`RequestPlan.target`)
+
+A target that is asked for is refused if it is worse at level 1 than the best plan, if there is no plan, or if the
+situation changes before the plan comes. A held one ends when the operator releases it, another script takes its place,
+this mastership ends, or in another situation the target is not legal, or worse at level 1 than the plan for it. A
+change of the situation before ACTIVATE does not end it otherwise: the target becomes another epoch.
+
+The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that;
+so does, without a report, a restart: the PEs go on with what they run, and the next mastership seeks the best plan.
+
+An answer of the planner that is lost, late or doubled is dropped by its number (`planning`); the next change of the
+situation then refuses what was asked for.
+"""
+
+from typing import Any
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, score
+from heronry_dg.plan import Plan, make_plan
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.core.turn import Turn
+
+_TAKEN = "it is legal, and serves as much at level 1 as the best plan"
+_WORSE = "it is worse at level 1 than the plan for this situation"
+
+
+class HeldScript:
+    """The targets of one mastership."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        self._spec, self._turn = spec, turn
+        self._asked: Configuration | None = None
+        self.target: Configuration | None = None  # the held one
+        self._last: tuple[str, str] = ("none", "")  # what became of the last script, and why
+
+    @property
+    def is_asked(self) -> bool:
+        """Tell whether a target awaits the best plan."""
+        return self._asked is not None
+
+    def status(self) -> dict[str, Any]:
+        """Give the state (none, asked, held, refused, ended) and, of the last two, why."""
+        if self.is_asked:
+            return {"state": "asked", "why": None}
+        if self.target is not None:
+            return {"state": "held", "why": None}
+        state, why = self._last
+        return {"state": state, "why": why or None}
+
+    def ask(self, target: Configuration) -> None:
+        """Note a target that is legal now."""
+        self._asked = target
+
+    def refuse(self, reason: str) -> None:
+        """Refuse the order: what runs stays."""
+        self._asked, self._last = None, ("refused", reason)
+        self._turn.emit("script_refused", reason=reason)
+
+    def end(self, reason: str) -> None:
+        """End a script that is held, here or by the manager before."""
+        self.target, self._last = None, ("ended", reason)
+        self._turn.emit("script_ended", reason=reason)
+
+    def release(self) -> bool:
+        """End what the operator has ordered; tells whether there was anything."""
+        was_asked, was_held = self.is_asked, self.target is not None
+        if was_asked:
+            self.refuse("the operator released it")
+        if was_held:
+            self.end("the operator released it")
+        return was_asked or was_held
+
+    def mastership_ends(self) -> None:
+        """End all, since this manager no longer commands."""
+        self._turned("this mastership has ended", is_legal=False)
+
+    def situation_changed(self, now: Situation, cause: str) -> None:
+        """Refuse what is asked for, and end what is held if it is not legal any more."""
+        if not self.is_asked and self.target is None:
+            return
+        broken = [] if self.target is None else verify(self._spec, now, self.target)
+        why = f"{cause}; it is no longer legal: {broken[0]}" if broken else f"the situation has changed: {cause}"
+        self._turned(why, is_legal=not broken)
+
+    def _turned(self, why: str, *, is_legal: bool) -> None:
+        if self.is_asked:
+            self.refuse(why)
+        if self.target is not None and not is_legal:
+            self.end(why)
+
+    def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
+        """Compare with the plan for this situation; gives the plan of a target that may fly instead, or None."""
+        if self._asked is not None:
+            plan = self._worthy(self._asked, known, now, running)
+            if plan is not None:
+                self._take(self._asked)
+                return plan
+            self.refuse(_WORSE)
+        if self.target is not None:
+            plan = self._worthy(self.target, known, now, running)
+            if plan is not None:
+                return plan
+            self.end(_WORSE)
+        return None
+
+    def _take(self, target: Configuration) -> None:
+        if self.target is not None:
+            self.end("another script takes its place")
+        self._asked, self.target = None, target
+        self._turn.emit("script_taken", reason=_TAKEN)
+
+    def _worthy(self, target: Configuration, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
+        worth = score(self._spec, now, target, running)
+        if worth.critical < known.objective.critical:
+            return None
+        return make_plan(self._spec, now, target, worth, optimal=False)

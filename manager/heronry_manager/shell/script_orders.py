@@ -1,0 +1,43 @@
+"""The operator's order `script`: its text becomes the target of an order to the core, which knows no component graphs.
+
+The script is applied to the plan of the core's last epoch, in the situation as the core knows it, within the call. So
+PEs that the script leaves out are tried in `MOST_PLACEMENTS` ways at most; if there are more, each is the first
+possible one of the spec.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+from heronry_dg.model import Spec
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.vocabulary import FlyTarget, OperatorSaid
+from heronry_manager.shell.control_protocol import FlyScript
+from heronry_pcs.plan_script import apply_to_plan
+
+MOST_PLACEMENTS: Final = 100  # the manager's loop waits meanwhile
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptSaid:
+    """The order `script`, with the number of its reply."""
+
+    number: int
+    order: FlyScript
+
+    def target(self, spec: Spec, core: ManagerCore) -> OperatorSaid:
+        """Give the order that the core takes."""
+        return OperatorSaid(self.number, target_of(self.order.text, spec, core))
+
+
+def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
+    """Apply a script to what a manager runs; the first error of a script is the problem that the core reports."""
+    if core.plan is None:
+        return FlyTarget(None, "no epoch of this manager runs yet")
+    outcome = apply_to_plan(text, spec, core.now, core.plan.configuration, MOST_PLACEMENTS)
+    if outcome.errors:
+        first, more = outcome.errors[0], len(outcome.errors) - 1
+        place = f"line {first.line}: {first.code}: {first.sentence}"
+        return FlyTarget(None, f"{place}, and {more} more" if more else place)
+    for start, end in outcome.no_wires:
+        return FlyTarget(None, f"{start} -> {end} is no wire from what a module gives to a free input of that variable")
+    return FlyTarget(outcome.configuration)

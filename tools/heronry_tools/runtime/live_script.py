@@ -1,0 +1,54 @@
+"""A script of component graphs, flown by a running manager: given to it, and followed until it holds or is refused.
+
+The manager answers when it has understood the script. Then it has the best plan made, compares the two, and deploys the
+script; its status shows how far it is.
+"""
+
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from heronry_dg.model import Spec
+from heronry_manager.core.reconfiguration import Stage
+from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_protocol import Answer, FlyScript
+from heronry_tools.console.errors import UserError
+
+PATIENCE_S: Final = 30.0  # the exact planner has no limit of time
+_LOOK_S = 0.1  # with each look the manager reads from the PEs, too
+
+
+def fly(path: Path, text: str, spec: Spec) -> Answer:
+    """Give a script to the manager on a socket; gives what became of it.
+
+    Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
+    """
+    flies = dict(call(path, AskStatus()).status or {})
+    if flies["spec_digest"] != spec.digest:
+        raise UserError(f"the manager on {path} flies another spec, {flies['spec']}: name the right one with --of NAME")
+    answer = call(path, FlyScript(text))
+    until_s = time.monotonic() + PATIENCE_S
+    while answer.done and time.monotonic() < until_s:
+        status = dict(call(path, AskStatus()).status or {})
+        told = _outcome(status)
+        if told is not None:
+            return told
+        time.sleep(_LOOK_S)
+    if not answer.done:
+        return answer
+    return Answer(done=False, sentence=f"the script does not run after {PATIENCE_S:.0f} s: see 'heronry status'")
+
+
+def _outcome(status: dict[str, Any]) -> Answer | None:
+    """Tell what became of the last script; None: it is still on its way."""
+    script = status["script"]
+    match script["state"]:
+        case "held" if status["next"] is None and status["stage"] == Stage.DONE.value:
+            sentence = f"the script runs in epoch {status['epoch']}, and is held until 'heronry pcs release'"
+            return Answer(done=True, sentence=sentence)
+        case "asked" | "held":
+            return None
+        case state:
+            verb = "was refused, and nothing has changed" if state == "refused" else "is held no longer"
+            return Answer(done=False, sentence=f"the script {verb}: {script['why']}")

@@ -1,0 +1,41 @@
+"""A script of the operator: it is announced as held only in the term that took the order, and not after its release.
+
+While a script is held, the aircraft may serve less than the best plan does, but not at level 1 (`end_state`). The
+announcements (CONTROL, HOLDS) alone show whether one is held: each comes again within `ANNOUNCED_WITHIN_NS`.
+"""
+
+from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import Control, ElementKind, ManagementMessage, Operation
+
+ANNOUNCED_WITHIN_NS = 2_000_000_000
+
+
+class ScriptCheck(Oracle):
+    """Follows the operator's orders and the announcements."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._ordered_in: int | None = None  # the term that took the last script, unless it was released
+        self._told_ns: int | None = None
+
+    def script_ordered(self, term: int | None) -> None:
+        """Note that a manager has accepted a script in this term; None: a release."""
+        self._ordered_in = term
+        if term is None:
+            self._told_ns = None
+
+    def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
+        """Follow an announcement."""
+        match message:
+            case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if term == self._ordered_in:
+                self._told_ns = t_ns
+            case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT):
+                story = f"{station} announces a script in term {term}, which holds none"
+                self.violations.append(Violation(t_ns, "script", story))
+            case _:
+                pass
+
+    def is_held(self, now_ns: int) -> bool:
+        """Tell whether a script counts as held."""
+        return self._told_ns is not None and now_ns - self._told_ns < ANNOUNCED_WITHIN_NS
