@@ -27,6 +27,11 @@ class Speed(Module):
 class Unbuildable(Module):
     def __init__(self, ctx):
         raise LookupError("no calibration")
+
+
+class Leaving(Module):
+    def step(self, inputs):
+        raise SystemExit
 """
 
 
@@ -51,6 +56,11 @@ def test_a_module_computes_some_steps(folder: str, capsys: pytest.CaptureFixture
     assert printed[:2] == [f"step 1: airspeed=0.0, {does}", f"step 2: airspeed=0.25, {does}"]
     assert printed[2].startswith("longest step ")
     assert printed[2].endswith(" of a period of 250 ms")
+
+
+def test_a_module_that_ends_its_process_has_failed(folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["module", "try", f"{folder}:Leaving"]) == 1
+    assert "SystemExit(None): on a PE this ends the process, with all modules in it" in capsys.readouterr().err
 
 
 def test_a_failing_step_shows_exception_place_and_traceback(folder: str, capsys: pytest.CaptureFixture[str]) -> None:

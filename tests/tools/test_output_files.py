@@ -92,6 +92,18 @@ def test_nothing_is_left_where_the_work_cannot_begin(tmp_path: Path, capsys: pyt
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("command", ["plan", "render", "dbc"])
+def test_no_spec_is_overwritten_by_what_is_made_from_it(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = tmp_path / "my.dg.yaml"
+    spec.write_text(Path("dg_specs/elevator_and_chute.dg.yaml").read_text())
+    before = spec.read_text()
+    assert main([command, str(spec), "-o", str(spec)]) == 2
+    assert "a file with this ending is a spec" in capsys.readouterr().err
+    assert spec.read_text() == before
+
+
 def test_no_room_for_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     full = FULL.open("w")
     monkeypatch.setattr("sys.stdout", full)

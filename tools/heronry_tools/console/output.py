@@ -22,6 +22,7 @@ Forms = Mapping[str, tuple[str, ...]]
 
 JSON: Final = (".json",)
 TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
+_SPECS: Final = (".yaml", ".yml")  # written by people, and easily named by mistake
 _PICTURES: Final = (".png", ".pdf", ".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".ps", ".eps")
 
 
@@ -101,6 +102,8 @@ def run_into_its_file(arguments: argparse.Namespace) -> int:
     file: Path | None = getattr(arguments, "report_file", None)
     if file is None or str(file) == "-":
         return run(arguments)
+    if file.suffix.lower() in _SPECS:
+        raise UserError(f"{file}: a file with this ending is a spec, and no command writes specs; name another file")
     is_stream = file.exists() and not file.is_file() and not file.is_dir()
     if not is_stream:
         expect_writable(file)

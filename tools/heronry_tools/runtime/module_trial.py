@@ -71,8 +71,17 @@ def expect_there(image: str) -> None:
 
 
 def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
-    """Build a module and step it."""
-    trial, now_ns = Trial(), 0
+    """Build a module and step it; one that ends its process has failed, as on a PE."""
+    trial = Trial()
+    try:
+        _try(trial, orders, inputs, reading, steps)
+    except SystemExit as end:
+        trial.failure = Failure(f"SystemExit({end.code!r}): on a PE this ends the process, with all modules in it")
+    return trial
+
+
+def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> None:
+    now_ns = 0
     runner = ModuleRunner(lambda: now_ns)
     trial.failure = runner.start(_MODULE, orders, now_ns)
     leaves = {str(at): (name, Datum(value, 1, 0)) for at, (name, value) in enumerate(inputs.items())}
@@ -85,7 +94,6 @@ def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | Non
         if isinstance(result, Result) and trial.failure is None:
             trial.steps.append(result)
         now_ns += orders.period_ns
-    return trial
 
 
 def read_value(text: str) -> Value:
