@@ -392,11 +392,12 @@ def test_a_bad_script_is_one_clear_sentence(
 
 
 def test_without_a_script_the_busiest_pe_is_killed_and_comes_back() -> None:
-    kill, restore = default_actions(plan_after(None).document())
+    kill, restore = default_actions(plan_after(None).document(), 15.0)
     assert (kill.what, restore.what) == ("kill", "restore")
     assert kill.pe == restore.pe == "tail_pe"
     assert kill.at_s < restore.at_s
-    assert default_actions({}) == []
+    assert default_actions({}, 15.0) == []
+    assert default_actions(plan_after(None).document(), 3.5) == []  # the demo ends before
 
 
 # Buses

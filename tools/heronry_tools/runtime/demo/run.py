@@ -156,7 +156,7 @@ class Show:
                     self._pending = None
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
-                    self._actions = self._actions or [*default_actions(self._plan)]
+                    self._actions = self._actions or [*default_actions(self._plan, self._seconds)]
                     if self._behind is not None:
                         self._emit("planned_ahead", sentence=self._behind.start())
             case _:

@@ -52,13 +52,14 @@ def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[DemoA
     return sorted(actions)
 
 
-def default_actions(plan: Mapping[str, Any]) -> list[DemoAction]:
-    """Actions of a demo without options: the PE that runs most modules is killed, and comes back."""
+def default_actions(plan: Mapping[str, Any], seconds: float) -> list[DemoAction]:
+    """Actions of a demo of so many seconds: the PE that runs most modules is killed and comes back, if time allows."""
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []
     busiest = max(runs, key=lambda pe: (runs[pe], pe))
-    return [DemoAction(4.0, "kill", busiest), DemoAction(9.0, "restore", busiest)]
+    both = DemoAction(4.0, "kill", busiest), DemoAction(9.0, "restore", busiest)
+    return [action for action in both if action.at_s < seconds]
 
 
 def _phase_action(spec: Spec, text: str) -> PhaseAction:
