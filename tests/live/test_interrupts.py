@@ -125,9 +125,15 @@ def started(words: list[str], folder: Path) -> "subprocess.Popen[bytes]":
             stdout=output,
             stderr=errors,
             start_new_session=True,
+            preexec_fn=take_interrupts,
         )
     assert soon(lambda: process.poll() is not None or takes_termination(process.pid))
     return process
+
+
+def take_interrupts() -> None:
+    """Undo what a shell does to a job in the background: it lets it ignore SIGINT, and so would the command."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def takes_termination(pid: int) -> bool:
