@@ -125,7 +125,7 @@ def started(words: list[str], folder: Path) -> "subprocess.Popen[bytes]":
             stdout=output,
             stderr=errors,
             start_new_session=True,
-            preexec_fn=take_interrupts,
+            preexec_fn=take_interrupts,  # noqa: PLW1509 - no thread runs here
         )
     assert soon(lambda: process.poll() is not None or takes_termination(process.pid))
     return process
