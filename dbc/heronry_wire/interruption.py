@@ -38,11 +38,7 @@ _PATIENCE_S: Final = 0.3
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised in the main thread by a signal; `exit_code` gives the command's exit code."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.exit_code = 128 + number
+    """Raised in the main thread by a signal; `came` gives the command's exit code."""
 
 
 class _State:
@@ -73,8 +69,7 @@ def finished() -> None:
     """End an interrupted process here, without Python's own clean-up of all modules; else ignore later signals."""
     if _State.came:
         _end(_State.came)
-    if any(signal.getsignal(number) is _interrupt for number in NUMBERS):
-        _handle(signal.SIG_IGN)
+    _handle(signal.SIG_IGN)
 
 
 def came() -> int:
@@ -85,7 +80,7 @@ def came() -> int:
 def expect_none() -> None:
     """Raise `Interrupted` where a signal has come already: a result that came after it may be a worse one."""
     if _State.came:
-        raise Interrupted(_State.came)
+        raise Interrupted
 
 
 @contextmanager
@@ -115,7 +110,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
     if _State.came:
         _end(number)
     _State.came = number
-    raise Interrupted(number)
+    raise Interrupted
 
 
 def _watch(reader: int) -> None:

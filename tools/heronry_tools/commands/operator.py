@@ -2,10 +2,9 @@
 
 import argparse
 import json
-import sys
-from pathlib import Path
 from typing import Any
 
+from heronry_tools.console.manager_argument import add_manager_argument, manager_socket, say_answer
 from heronry_tools.console.output import add_json, add_output
 
 _STATUS_EPILOG = """\
@@ -80,15 +79,7 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
         description=f"{sentence[0].upper()}{sentence[1:]}: an order to the manager that runs on this computer.",
         epilog=epilog,
     )
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument(
-        "--of",
-        metavar="NAME",
-        help="the manager to call: the name of its spec, or SPEC-demo (default: the only one)",
-    )
-    which.add_argument(
-        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
-    )
+    add_manager_argument(parser)
     parser.set_defaults(run=run, order=name)
     return parser
 
@@ -112,10 +103,10 @@ def run(arguments: argparse.Namespace) -> int:
         SetPriority,
         UnlockPe,
     )
-    from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415 - keeps `heronry plan` quick
+    from heronry_manager.shell.control_client import call  # noqa: PLC0415 - keeps `heronry plan` quick
     from heronry_tools.reports.status import report  # noqa: PLC0415
 
-    path = arguments.socket or find_socket(arguments.of)
+    path = manager_socket(arguments)
     if arguments.order == "status":
         status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
@@ -131,10 +122,4 @@ def run(arguments: argparse.Namespace) -> int:
         answer = call(path, SetPriority(arguments.what, None if arguments.to == "default" else arguments.to))
     else:
         answer = call(path, orders[arguments.order](arguments.what))
-    if arguments.json:
-        print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
-    elif answer.done:
-        print(answer.sentence)
-    else:
-        print(f"heronry: {answer.sentence}", file=sys.stderr)
-    return 0 if answer.done else 1
+    return say_answer(arguments, answer)

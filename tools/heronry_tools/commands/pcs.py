@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.manager_argument import add_manager_argument, manager_socket, say_answer
 from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
 
 if TYPE_CHECKING:
-    from heronry_manager.shell.control_protocol import Answer
     from heronry_pcs.assessment import Assessment
     from heronry_pcs.graph import Edge, Graph
     from heronry_tools.analysis.control.subject import Subject
@@ -144,20 +144,12 @@ def _add_apply(commands: Any) -> None:
     _add_subject(parser)
     _add_write(parser)
     parser.add_argument("--live", action="store_true", help="fly it: give it to the running manager of this spec")
-    _add_manager(parser)
+    add_manager_argument(parser)
 
 
 def _add_release(commands: Any) -> None:
     parser = _command(commands, "release", "end the script that the running manager holds", run_release)
-    _add_manager(parser)
-
-
-def _add_manager(parser: argparse.ArgumentParser) -> None:
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--of", metavar="NAME", help="name of the manager, if several run here")
-    which.add_argument(
-        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
-    )
+    add_manager_argument(parser)
 
 
 def _names(text: str) -> list[str]:
@@ -332,7 +324,6 @@ def run_apply(arguments: argparse.Namespace) -> int:
 
 def _fly(arguments: argparse.Namespace) -> int:
     """Give a script to the running manager, and wait until it holds or is refused."""
-    from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
     from heronry_tools.console.plan_argument import read_text  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
@@ -340,27 +331,16 @@ def _fly(arguments: argparse.Namespace) -> int:
     if arguments.plan is not None or arguments.write is not None:
         raise UserError("--live flies what runs: leave --plan and --write out")
     text = read_text(arguments.script)
-    spec, path = load_spec(arguments.subject), arguments.socket or find_socket(arguments.of)
-    return _ordered(arguments, fly(path, text, spec))
+    spec, path = load_spec(arguments.subject), manager_socket(arguments)
+    return say_answer(arguments, fly(path, text, spec))
 
 
 def run_release(arguments: argparse.Namespace) -> int:
     """End a script that is held; returns 0, or 1 where none is."""
     from heronry_manager.core.vocabulary import ReleaseTarget  # noqa: PLC0415 - keeps other commands quick
-    from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415
+    from heronry_manager.shell.control_client import call  # noqa: PLC0415
 
-    return _ordered(arguments, call(arguments.socket or find_socket(arguments.of), ReleaseTarget()))
-
-
-def _ordered(arguments: argparse.Namespace, answer: "Answer") -> int:
-    """Say what a manager answered; returns the exit code."""
-    if arguments.json:
-        print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
-    elif answer.done:
-        print(answer.sentence)
-    else:
-        print(f"heronry: {answer.sentence}", file=sys.stderr)
-    return 0 if answer.done else 1
+    return say_answer(arguments, call(manager_socket(arguments), ReleaseTarget()))
 
 
 def run_cut(arguments: argparse.Namespace) -> int:

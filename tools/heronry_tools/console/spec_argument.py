@@ -5,7 +5,6 @@ revision of git.
 """
 
 import argparse
-import difflib
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.console.errors import UserError
+from heronry_wire.command_parser import meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Function, Spec
@@ -120,6 +120,4 @@ def named_function(spec: "Spec", name: str) -> "Function":
     """Function that an argument names; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
-    close = difflib.get_close_matches(name, spec.functions, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(spec.functions)}"
-    raise UserError(f"no function is named '{name}'; {hint}")
+    raise UserError(f"no function is named '{name}'; {meant(name, list(spec.functions))}")

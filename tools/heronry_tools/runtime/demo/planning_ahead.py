@@ -16,8 +16,6 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
@@ -25,19 +23,11 @@ from heronry_tools.console.spec_argument import load_spec
 
 
 class PlanningAhead:
-    """The process that plans; as a context manager it ends with the block."""
+    """The process that plans."""
 
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
         self._process: subprocess.Popen[bytes] | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def start(self) -> str:
         """Start the process, and say so."""

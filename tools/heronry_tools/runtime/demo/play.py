@@ -73,9 +73,9 @@ def play(arguments: argparse.Namespace) -> int:
         flags = f"--of {called}" if called is not None else f"--socket {fleet.control_socket()}"
         tell(event("orders", time.monotonic_ns(), flags=flags))
         if behind is not None:
-            stack.enter_context(behind)
+            stack.callback(behind.close)
         show = Show(flown, fleet, choices, tell, behind)
-        return _run(show, fleet, tell, lambda show: show.run(actions, seconds, record))
+        return _run(show, fleet, tell, lambda: show.run(actions, seconds, record))
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
@@ -86,10 +86,10 @@ def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies |
     return made, PlanningAhead(spec, spec_path(text)) if made is None and can_plan_ahead() else None
 
 
-def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[Show], int]) -> int:
+def _run(show: Show, fleet: Fleet, tell: Tell, run: Callable[[], int]) -> int:
     """Run the show; keep its logs if a process, a module or the flight has failed."""
     try:
-        code = run(show)
+        code = run()
     except UserError as error:
         raise UserError(f"{error}; the logs are kept in {fleet.keep_logs()}") from None
     if code or show.saw_failure:

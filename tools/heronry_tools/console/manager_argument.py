@@ -1,0 +1,41 @@
+"""The manager that a command calls, --of NAME or --socket PATH, and how the command says what that manager answers."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from heronry_manager.shell.control_protocol import Answer
+
+
+def add_manager_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --of and --socket."""
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--of",
+        metavar="NAME",
+        help="the manager to call: the name of its spec, or SPEC-demo (default: the only one)",
+    )
+    which.add_argument(
+        "--socket", type=Path, metavar="PATH", help="the manager's socket, where it was started with --socket"
+    )
+
+
+def manager_socket(arguments: argparse.Namespace) -> Path:
+    """Give the socket of the manager to call; raises ControlError where it is not clear which one."""
+    from heronry_manager.shell.control_client import find_socket  # noqa: PLC0415 - keeps other commands quick
+
+    return arguments.socket or find_socket(arguments.of)
+
+
+def say_answer(arguments: argparse.Namespace, answer: "Answer") -> int:
+    """Say what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not."""
+    if arguments.json:
+        print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
+    elif answer.done:
+        print(answer.sentence)
+    else:
+        print(f"heronry: {answer.sentence}", file=sys.stderr)
+    return 0 if answer.done else 1
