@@ -147,8 +147,9 @@ def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 def fly(show: Show, folder: Path, patience: int) -> Flight:
     """Fly the show once, with every time of its script multiplied."""
-    home = folder / "home"
+    home, sockets = folder / "home", folder / "sockets"  # the second one is the user's own: locks stay there
     home.mkdir()
+    sockets.mkdir()
     file = slow_spec(show.spec, folder, heartbeat_ms=show.heartbeat_ms, rates_divided_by=show.rates_divided_by)
     assert main(["dbc", str(file), "-o", str(folder / "bus.dbc")]) == 0
     with candump(folder / "can0.log"):
@@ -166,7 +167,7 @@ def fly(show: Show, folder: Path, patience: int) -> Flight:
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
             [sys.executable, "-m", "heronry_tools", "demo", str(file), *bus, *faults, *rest],
-            env={**os.environ, "TMPDIR": str(home)},
+            env={**os.environ, "TMPDIR": str(home), "XDG_RUNTIME_DIR": str(sockets)},
             capture_output=True,
             text=True,
             check=False,
@@ -180,7 +181,7 @@ def fly(show: Show, folder: Path, patience: int) -> Flight:
         events=[json.loads(line) for line in done.stdout.splitlines()],
         dumped=[logged for logged in log_lines(folder / "can0.log") if not logged.frame.extended],
         recorded=log_lines(folder / "flight.log"),
-        left_behind=[*map(str, home.iterdir()), *processes_that_mention(str(folder))],
+        left_behind=[*map(str, (*home.iterdir(), *sockets.rglob("*.sock"))), *processes_that_mention(str(folder))],
     )
 
 

@@ -9,7 +9,7 @@ from heronry_manager.core.object_reader import SILENCE_NS
 from heronry_manager.core.vocabulary import AskStatus, AskTraceback, ManagerAction, OperatorSaid, Reply
 from heronry_wire.canopen_objects import COUNTERS, MODULE_FAILURES, MODULE_TRACEBACKS
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import emcy_id, sdo_response_id
+from heronry_wire.identifiers import emcy_id, sdo_request_id, sdo_response_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import (
@@ -172,6 +172,16 @@ def test_a_pe_that_does_not_answer_is_given_up_and_the_next_object_is_read(manag
     manager.is_deaf = False
     manager.pass_time(20 * MS)
     assert [one["element"] for one in manager.told("module_failed")] == ["module:drive_left"]
+
+
+def test_a_pe_that_another_sdo_client_asks_is_read_after_that(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.hear(Frame(sdo_request_id(LEFT), bytes(8)))
+    assert manager.core.hears(sdo_request_id(LEFT))
+    manager.emcy(FaultCode.MODULE_RESTARTED, CONTROL, 1)
+    assert manager.told("module_failed") == []
+    manager.pass_time(SILENCE_NS + 10 * MS)
+    assert len(manager.told("module_failed")) == 1
 
 
 def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:

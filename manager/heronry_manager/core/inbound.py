@@ -7,6 +7,7 @@
                            ACTIVATE or LEASE names their digest
     report of a gateway    `known_situation`; nothing proves it (`authenticity`)
     SDO answer of a PE     `pe_details`, if the manager reads objects; nothing proves it, and nothing is decided by it
+    SDO request to a PE    the same: the manager leaves that PE to the other client
     request of any node    to identify the manager (CANaerospace): answered by `identification`
 
 A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
@@ -19,7 +20,15 @@ from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.succession import Succession
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
-from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, sdo_response_id, state_id
+from heronry_wire.identifiers import (
+    MANAGER_NODES,
+    Command,
+    emcy_id,
+    management_id,
+    sdo_request_id,
+    sdo_response_id,
+    state_id,
+)
 from heronry_wire.management import ElementKind, Emergency, decode_command, decode_emergency
 from heronry_wire.sansio import Received
 from heronry_wire.state_frames import StatePage0, decode_state
@@ -39,6 +48,7 @@ class Inbound:
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
         self._node_of_sdo_id = {sdo_response_id(pe.node_id): pe.node_id for pe in pes if settings.reads_objects}
+        self._node_of_sdo_request = {sdo_request_id(node): node for node in self._node_of_sdo_id.values()}
         followed = {*Command} if settings.standby or settings.advise else {Command.LEASE}
         if settings.key is not None:
             followed |= {Command.CONTROL, Command.TAG}
@@ -55,6 +65,7 @@ class Inbound:
             or identifier in self._known.situation.links.records
             or identifier == REQUEST_ID
             or identifier in self._node_of_sdo_id
+            or identifier in self._node_of_sdo_request
         )
 
     def take(self, frame: Frame) -> None:
@@ -72,6 +83,8 @@ class Inbound:
             self.identification.asked(0, frame, self._turn.now_ns)
         elif frame.can_id in self._node_of_sdo_id:
             self._known.details.reader.heard(self._node_of_sdo_id[frame.can_id], frame.data, self._turn.now_ns)
+        elif frame.can_id in self._node_of_sdo_request:
+            self._known.details.reader.heard_other(self._node_of_sdo_request[frame.can_id], self._turn.now_ns)
         elif frame.can_id in self._manager_ids:
             self._command(*self._manager_ids[frame.can_id], frame)
 

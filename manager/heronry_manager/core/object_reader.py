@@ -3,14 +3,18 @@
     idle      nothing is being read
     opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
     segments  a long value comes segment by segment, each requested, the toggle bit alternating
+    left      another SDO client has made a request to that PE (`heard_other`): it has the PE until SILENCE_NS after its
+              last request. An object that was being read is read anew after that, and other PEs are read meanwhile
 
 An abort of the PE, an answer that does not fit the request, or SILENCE_NS without an answer ends the reading of that
 object without a value, and the next one in the queue begins. Nothing that a PE runs depends on this, so nothing is
 repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
 
 Lost: that object has no value. Late or doubled: an answer that fits by chance gives a wrong value. Forged: any node can
-do that, since SDO has no proof: the values are for people, and no decision may depend on them. A request replaces the
-transfer of another SDO client with the same PE, whose transfer is then refused.
+do that, since SDO has no proof: the values are for people, and no decision may depend on them.
+
+A PE has one SDO server, where a request replaces the transfer of another client. So this one gives way: only a request
+that crosses the first one of the other client can still disturb it. A client that never pauses keeps this one out.
 """
 
 from collections import deque
@@ -50,7 +54,7 @@ Take = Callable[[bytes | None], None]
 """What to do with the value of an object; None: it cannot be read."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Reading:
     node: int
     index: int
@@ -69,6 +73,7 @@ class ObjectReader:
     next_ns: int = NEVER_NS
     _now: _Reading | None = None
     _waiting: deque[_Reading] = field(default_factory=deque)
+    _left_until_ns: dict[int, int] = field(default_factory=dict)  # by node: another client has it
 
     def read(self, node: int, index: int, sub_index: int, take: Take, now_ns: int) -> None:
         """Read an object, after those that wait already; `take` is called once, with the value or None."""
@@ -91,16 +96,30 @@ class ObjectReader:
         else:
             self._say(segment(SEGMENT_UPLOAD | reading.toggle, b""), now_ns)
 
+    def heard_other(self, node: int, now_ns: int) -> None:
+        """Take a request of another client to a PE, and leave the PE to it."""
+        self._left_until_ns[node] = now_ns + SILENCE_NS
+        reading = self._now
+        if reading is not None and reading.node == node:
+            self._now = None
+            self._waiting.appendleft(_Reading(node, reading.index, reading.sub_index, reading.take))
+        self._begin_next(now_ns)
+
     def tick(self, now_ns: int) -> None:
-        """Give up an object whose answer does not come."""
-        if now_ns >= self.next_ns:
+        """Give up an object whose answer does not come, or begin one whose PE is free again."""
+        if now_ns < self.next_ns:
+            return
+        if self._now is not None:
             self._end(None, now_ns)
+        else:
+            self._begin_next(now_ns)
 
     def give_up(self, now_ns: int) -> None:
         """Give up everything, since this manager is not active any more."""
         waiting, self._waiting = self._waiting, deque()
         if self._now is not None:
             self._end(None, now_ns)
+        self.next_ns = NEVER_NS
         for reading in waiting:
             reading.take(None)
 
@@ -127,9 +146,16 @@ class ObjectReader:
         return reading.length <= _MOST_BYTES
 
     def _begin_next(self, now_ns: int) -> None:
-        if self._now is None and self._waiting:
-            self._now = self._waiting.popleft()
+        if self._now is not None:
+            return
+        self.next_ns = min((self._free_ns(reading) for reading in self._waiting), default=NEVER_NS)
+        if self.next_ns <= now_ns:
+            self._now = next(reading for reading in self._waiting if self._free_ns(reading) <= now_ns)
+            self._waiting.remove(self._now)
             self._say(with_data(UPLOAD, self._now.index, self._now.sub_index), now_ns)
+
+    def _free_ns(self, reading: _Reading) -> int:
+        return self._left_until_ns.get(reading.node, 0)
 
     def _say(self, message: bytes, now_ns: int) -> None:
         assert self._now is not None
