@@ -21,7 +21,7 @@ from functools import cached_property
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
-from heronry_dg.model import Mode, Module, Spec
+from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_dg.situation import Situation
 from heronry_wire.timing import Message, analyse
 
@@ -113,7 +113,12 @@ class Enumerator:
     def outputs(self) -> list[str]:
         """Output modules of the functions that are wanted."""
         wanted = [f for f in self.spec.functions.values() if f.priority_in(self.now.phase) > 0]
-        return list(dict.fromkeys(name for function in wanted for name in function.outputs))
+        return list(dict.fromkeys(name for function in wanted for name in self._serving(function)))
+
+    def _serving(self, function: Function) -> tuple[str, ...]:
+        """Modules of which one serves a function: its output, or the ends (else the branches) of its DEMUX."""
+        demux = self.spec.demuxes.get(function.output)
+        return (function.output,) if demux is None else demux.to or demux.branches
 
     def structures(self) -> Iterator[Structure]:
         """Every structure that is legal but for its placement, each once."""
@@ -129,7 +134,8 @@ class Enumerator:
                         yield structure
 
     def _demuxes_allow(self, modes: Mapping[str, Mode]) -> bool:
-        return all(len(modes.keys() & set(demux.branches)) <= 1 for demux in self.spec.demuxes.values())
+        groups = [group for demux in self.spec.demuxes.values() for group in (demux.branches, demux.to)]
+        return all(len(modes.keys() & set(group)) <= 1 for group in groups)
 
     def _wired(self, modes: dict[str, Mode], inputs: dict[str, Inputs]) -> Iterator[Structure]:
         unwired = next((name for name in modes if name not in inputs), None)
@@ -183,7 +189,7 @@ class Enumerator:
         """Levels 1 to 3."""
         totals, utility = Counter[str](), 0
         for function in self.spec.functions.values():
-            for name in function.outputs:
+            for name in self._serving(function):
                 if name in structure.modes:
                     modes = list(self.spec.modules[name].modes)
                     index, count = modes.index(structure.modes[name].name), len(modes)
@@ -340,7 +346,7 @@ class Enumerator:
             "ABCDE".index(function.criticality.get(phase, function.criticality[None]))
             for phase in self.spec.phases or [None]
             for function in self.spec.functions.values()
-            if reached & set(function.outputs) and function.priority.get(phase, function.priority[None]) > 0
+            if reached & set(self._serving(function)) and function.priority.get(phase, function.priority[None]) > 0
         ]
         return min(classes, default=4)
 
@@ -355,8 +361,8 @@ class Enumerator:
         positions = [
             index
             for demux in self.spec.demuxes.values()
-            for index, branch in enumerate(demux.branches)
-            if branch in structure.modes
+            for index, end in enumerate(demux.to or demux.branches)
+            if end in structure.modes
         ]
         millibits = sum(self._loads(structure, self.published(structure, places)).values())
         cpu = sum(mode.cpu_millis for mode in structure.modes.values())
