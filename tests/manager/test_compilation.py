@@ -369,3 +369,10 @@ def test_tables_and_slices_depend_on_nothing_but_the_file(name: str) -> None:
     for spec, configuration in itertools.islice(shipped_configurations(), len(SITUATIONS)):
         if spec.name == name:
             assert one.configuration(configuration) == again.configuration(configuration)
+
+
+def test_the_ends_of_a_demux_are_exclusive_as_its_branches_are() -> None:
+    spec = load(Path("dg_specs/examples/demux_paths.dg.yaml"))
+    tables = map(Compiler(spec).table, spec.pes)
+    exclusive = {module.name for table in tables for module in table.modules if module.demux}
+    assert exclusive == {f"{kind}_{n}" for kind in ("elevator_limiter", "limited_servo") for n in (1, 2, 3)}
