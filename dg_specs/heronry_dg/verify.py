@@ -3,7 +3,8 @@
 The verifier uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the
 configuration. A violation names the rule as number and sub-rule (`7.cpu`), the place, and the mistake in one sentence.
 
-    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
+    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed,
+                 failed_there
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
     3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
     4 demux      branches, ends (more than one runs), wired (a branch is not)
@@ -132,6 +133,10 @@ def _place(case: _Case) -> Iterator[Violation]:
         where = f"module {name}"
         if name in case.left.failed_modules:
             yield Violation("1.failed", where, "it has failed and must not run")
+        elif f"module:{name}@{running.pe}" in case.now.down:
+            yield Violation(
+                "1.failed_there", where, f"it cannot run on {running.pe}: it failed there, or lacks its code"
+            )
         if running.pe not in case.spec.pes:
             yield Violation("1.pe", where, f"the spec has no PE named '{running.pe}'")
             continue

@@ -183,6 +183,7 @@ def test_one_fault_in_a_plan_is_one_violation(rule: str, modules: Modules) -> No
         ("1.pe_down", "pe:nose", FLYING),
         ("1.device_down", "device:gps", FLYING),
         ("1.failed", "module:receiver", FLYING),
+        ("1.failed_there", "module:wind_filter@tail", FLYING),
     ],
 )
 def test_what_is_down_must_not_be_used(rule: str, down: str, modules: Modules) -> None:

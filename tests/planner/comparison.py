@@ -46,6 +46,7 @@ MUST_APPEAR = (
     "phase",
     "limit",
     "fault",
+    "failed place",
     "something unserved",
     "binding cpu",
     "binding ram",
@@ -133,6 +134,7 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "phase": case.now.phase != case.spec.initial_phase(),
         "limit": bool(case.now.limits),
         "fault": bool(case.now.down),
+        "failed place": any("@" in element for element in case.now.down),
         "something unserved": any(not found.functions[function.name].served for function in wanted),
     }
     yield from (word for word, holds_here in shown.items() if holds_here)

@@ -100,7 +100,8 @@ class Enumerator:
         return self.spec.modules.values()
 
     def _may_run(self, module: Module, pe: str) -> bool:
-        if f"module:{module.name}" in self.now.down or f"device:{module.device}" in self.now.down:
+        dead = (f"module:{module.name}", f"module:{module.name}@{pe}", f"device:{module.device}")
+        if any(element in self.now.down for element in dead):
             return False
         if module.device is not None and self.spec.devices[module.device].pe != pe:
             return False

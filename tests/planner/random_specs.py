@@ -458,11 +458,20 @@ def random_situation(rng: random.Random, spec: Spec) -> Situation:
         *(f"channel:{bus.name}.{i}" for bus in spec.buses.values() if bus.channels == 2 for i in (1, 2)),
     ]
     down = rng.sample(everything, rng.choice((0, 0, 0, 0, 0, 1, 1, 2)))
+    if rng.random() < 0.3:
+        down += [f"module:{name}@{pe}" for name, pe in random_places(rng, spec, rng.randint(1, 3))]
     limits = {}
     for element in [f"bus:{name}" for name in spec.buses] + [f"pe:{name}" for name in spec.pes]:
         if rng.random() < 0.08:
             limits[element] = Fraction(rng.choice((0, 1, 333, 400, 500, 875, 1000)), 1000)
     return Situation(frozenset(down), limits, rng.choice(list(spec.phases)) if spec.phases else None)
+
+
+def random_places(rng: random.Random, spec: Spec, most: int) -> list[tuple[str, str]]:
+    """Draw places, each a module with two possible PEs or more and one of these."""
+    hosts = {m.name: [pe.name for pe in spec.pes.values() if _allows(spec, m, pe)] for m in spec.modules.values()}
+    every = [(name, pe) for name, pes in hosts.items() if len(pes) > 1 for pe in pes]
+    return rng.sample(every, min(most, len(every)))
 
 
 def random_running(rng: random.Random, spec: Spec) -> dict[str, tuple[str, str]] | None:
@@ -514,6 +523,7 @@ def features(case: Case) -> dict[str, bool]:
         "shared output": len({f.output for f in spec.functions.values()}) < len(spec.functions),
         "limit": bool(now.limits),
         "faults": bool(now.down),
+        "failed place": any("@" in element for element in now.down),
         "running": case.running is not None,
         "feeds itself": any(leaf.variable in mode.gives for mode in every_mode for _, leaf in mode.leaves()),
     }
