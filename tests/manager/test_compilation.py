@@ -121,7 +121,7 @@ def test_the_examples_hold_what_they_should() -> None:
             counts["published on two ports"] += 3 in part.publish.values()
             counts["nothing to do"] += part == Slice()
     assert counts["configurations"] > 150
-    rare = {what: counts[what] for what in MUST_APPEAR if counts[what] < 5}
+    rare = {what: counts[what] for what in MUST_APPEAR if counts[what] < 4}
     assert rare == {}
 
 

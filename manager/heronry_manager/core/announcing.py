@@ -12,7 +12,7 @@ from heronry_manager.core.known_situation import KnownSituation
 from heronry_wire.management import ElementKind
 from heronry_wire.protocol_times import ANNOUNCED_EVERY
 
-Fact = tuple[ElementKind, int]
+Fact = tuple[int, int]  # the a and b of HOLDS
 
 
 class Announcer:
@@ -42,8 +42,8 @@ class Announcer:
 
     def look(self) -> list[Fact]:
         """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
-        places = map(self._situation.failed.place, self._situation.failed.elements)
-        facts = self._phase() + sorted(place for place in places if place is not None)
+        held = map(self._situation.failed.field, self._situation.failed.elements)
+        facts = self._phase() + sorted(fact for fact in held if fact is not None)
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
         return facts
 

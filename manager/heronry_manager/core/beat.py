@@ -49,7 +49,7 @@ class Beat:
         self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
         self._tell_held(fact)
-        if fact is not None and fact[0] is ElementKind.PHASE:
+        if fact is not None and fact[0] == ElementKind.PHASE:
             self._tell_accepted()
 
     def ping(self, pe: str) -> None:
