@@ -195,4 +195,4 @@ def _scope(spec: "Spec") -> "Scope":
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415
 
-    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec))
+    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec), places=True)

@@ -109,7 +109,7 @@ class SimulatedPe(Node):
 
     def lack(self, module: str) -> None:
         """Let the code of a module turn out to be missing."""
-        self.give(ImagesMissing(frozenset((self._images[module],))))
+        self.give(ImagesMissing({self._images[module]: "the simulator took it away"}))
 
     def unstick(self) -> None:
         """Complete the steps that hang."""
