@@ -90,10 +90,9 @@ class Observations:
         names = self._names.get(emergency.kind, ())
         if emergency.index < len(names):
             element = f"{emergency.kind.name.lower()}:{names[emergency.index]}"
-            self.reports.append((t_ns, element))
             place = f"{element}@{self._pe_of_emergency[frame.can_id]}"
-            if emergency.code is not FaultCode.REPORTED and place in self._places:
-                self.reports.append((t_ns, place))
+            by_itself = emergency.code is not FaultCode.REPORTED and place in self._places
+            self.reports.append((t_ns, place if by_itself else element))
 
 
 _LEASES = frozenset(management_id(node, Command.LEASE) for node in MANAGER_NODES)
