@@ -268,10 +268,11 @@ class RunningModules:
     def cleared(self, a: int, index: int) -> None:
         """Clear the faults of an element, as the operator commanded; a module may be cleared on another PE alone.
 
-        `a` is that of CLEAR. A module whose code is not here is reported again at once.
+        `a` is that of CLEAR, which for a changed priority is none of this PE's business. A module whose code is not
+        here is reported again at once.
         """
         kind, place = kind_and_place(a)
-        if place not in (EVERYWHERE, self._index.node):
+        if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):
             return
         self._tell(self.faults.clear(kind, index))
         if kind == ElementKind.MODULE and index in self._lacking:
