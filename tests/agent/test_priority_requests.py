@@ -105,7 +105,7 @@ def test_a_module_that_stops_withdraws_its_requests_alone() -> None:
 
 
 def test_what_the_manager_tells_of_priorities_withdraws_no_request() -> None:
-    """CLEAR with a priority names a function where CLEAR of a module names a PE: here its index is this PE's node-ID."""
+    """CLEAR of a priority has a function where CLEAR of a module has a PE, here both with one number."""
     pe = Asking()
     for number in range(1, 257):
         pe.ask(CONTROL, ("light", number))

@@ -56,7 +56,7 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
 def _radios(count: int) -> str:
     """Give a gateway to `count` radios, beyond each of which a sensor is read."""
     numbers = range(count)
-    radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000}}" for number in numbers)
+    radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, heartbeat_ms: 100}}" for number in numbers)
     names = ", ".join(f"r{number}" for number in numbers)
     fields = "cpu: 1, ram: 8KiB, flash: 8KiB"
     far = "".join(f"  far{number}: {{node_id: {93 + number}, buses: [r{number}], {fields}}}\n" for number in numbers)
