@@ -2,7 +2,8 @@
 
 A PE reports a module of its own by the module's index. If the module has a choice of PEs, it is out on that PE alone,
 `module:NAME@PE`, until it fails on a second PE or another module reports it: then it is out everywhere. Missing code is
-no failure. CLEAR and HOLDS name the PE by its node-ID.
+no failure. CLEAR and HOLDS name the PE by its node-ID. A PE or a bus that a module reports is a suspicion, which fails
+nothing.
 """
 
 from heronry_dg.model import Spec
@@ -11,6 +12,7 @@ from heronry_tools.sim.oracles.commanded import elements_by_kind
 from heronry_wire.management import ElementKind, Emergency, FaultCode
 
 _BY_OTHERS = (FaultCode.REPORTED,)
+_SUSPECTED = (ElementKind.PE, ElementKind.BUS)
 
 
 class Places:
@@ -31,7 +33,9 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Give the element that a manager treats as failed, as it acknowledges the last report of a node."""
+        """Give the element that a manager treats as failed, as it acknowledges the last report of a node, or None."""
+        if a in _SUSPECTED:
+            return None
         pe = self._pe_of_node.get(node, "")
         element, code = self._element(a, index), self._codes.get((pe, a, index))
         place = f"{element}@{pe}"
@@ -46,7 +50,7 @@ class Places:
     def told(self, a: int, index: int) -> str | None:
         """Give the element that CLEAR or HOLDS names."""
         element, pe = self._element(a & 0xFF, index), self._pe_of_node.get(a >> 8)
-        return element if pe is None else f"{element}@{pe}"
+        return element if pe is None or element is None else f"{element}@{pe}"
 
     def cleared(self, element: str) -> None:
         """Forget the failures of an element, and of a module those on each PE."""
