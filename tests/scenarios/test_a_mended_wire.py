@@ -14,18 +14,18 @@ ACTIVATE = management_id(FIRST_MANAGER, Command.ACTIVATE)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_pe_that_was_replaced_while_its_transmitter_failed_sends_no_frame_that_it_had_queued(seed: int) -> None:
     """The manager decides immediately: the PE has not received ALIVE yet when its wire is mended, at GO_ALL."""
-    index = TableIndex(prepared(big_blue(), None).tables["air"])
+    index = TableIndex(prepared(big_blue(), None).tables["nav"])
     identifiers = index.identifiers(index.movable)
     simulation = flying(big_blue(), seed, decide_ns=MS)
     sent: list[Sent] = []
     simulation.wiring.tap("can0", sent.append)
-    air = simulation.fleet.running["air"]
+    nav = simulation.fleet.running["nav"]
     simulation.run_for(200 * MS)
-    assert identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
-    air.wire(transmit_failed=True)
+    assert identifiers & {one.frame.can_id for one in sent if one.sender == "nav"}
+    nav.wire(transmit_failed=True)
     sent.clear()
     while not any(one.frame.can_id == ACTIVATE for one in sent):
         simulation.run_for(MS // 10)
-    air.wire(transmit_failed=False)
+    nav.wire(transmit_failed=False)
     simulation.run_for(100 * MS)
-    assert not identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
+    assert not identifiers & {one.frame.can_id for one in sent if one.sender == "nav"}
