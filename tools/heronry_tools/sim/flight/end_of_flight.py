@@ -4,7 +4,7 @@ Requirements that must always hold, and silences, are verified up to the end of 
 ended is ended, and the aircraft is left alone until it has converged, or for the bound on that (`oracles.liveness`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.injection.schedule import Injections
@@ -19,12 +19,19 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
 
     targets: all targets into which faults were injected.
     """
+    targets = list(targets)
     start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
     injections.heal()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
     stopped = stopped_by_silence(simulation.spec, targets, simulation.witness, start_ns, simulation.now_ns)
-    return violations + silences + stopped
+    return violations + silences + stopped + _denied(simulation, injections, targets, start_ns)
+
+
+def _denied(simulation: Simulation, injections: Injections, targets: Collection[str], start_ns: int) -> list[Violation]:
+    faults = list(injections.state_of)
+    has_others = set(targets) != {fault.target for fault in faults}
+    return simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
