@@ -11,7 +11,7 @@
     forged_report   EMCYs of every PE about any element
     forged_order    PING, RENEW, UNLOCK and CLEAR to every PE, and NMT
     forged_session  against one PE: ten wrong pages 0; then a WELCOME after one of its own, so that it asks for a
-                    session, and after the manager's answer nonces, so that this answer is one of many
+                    session, and nonces, so that the manager's answer is one of many
     forged_all      all of these in random order
 
 It sends only while the bus is free: it does not destroy the frames of the node that it imitates (see `forger`).
@@ -28,7 +28,6 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
     FIRST_MANAGER,
     LAST_MANAGER,
-    MANAGER_NODES,
     Command,
     emcy_id,
     management_id,
@@ -50,8 +49,6 @@ from heronry_wire.management import (
     Operation,
     Ping,
     Step,
-    control_node,
-    is_welcome,
 )
 from heronry_wire.sansio import Received
 from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, StatePage2, decode_state
@@ -77,7 +74,7 @@ _NS_PER_S = 1_000_000_000
 _AGAIN_NS = 20_000  # while the bus is busy
 _NEWER = 100  # how far above the running epoch a forged one is, at most
 _WRONG_FIRST = 10
-_AFTER_AN_ANSWER = 6
+_NONCES_AFTER_A_WELCOME = 6
 _NMT_ID = 0
 
 
@@ -108,10 +105,9 @@ class Denier:
         self._kind = kind
         self._next: list[Frame] = []
         self._victim, self._wrong, self._has_beaten = random.choice(self._nodes), 0, False
-        self._unpaid = 0  # nonces to send before the next WELCOME
+        self._due_nonces = 0  # before the next WELCOME
         self._nodes_of = {state_id(node): node for node in self._nodes}
-        ids = {*self._nodes_of, *(management_id(one, Command.CONTROL) for one in MANAGER_NODES)}
-        self._station = bus.join(f"{STRANGER}{kind}", 0, self._hear, ids)
+        self._station = bus.join(f"{STRANGER}{kind}", 0, self._hear, self._nodes_of)
         self._attack()
 
     def leave(self) -> None:
@@ -120,12 +116,8 @@ class Denier:
             self._bus.leave(self._station)
 
     def _hear(self, event: Received) -> None:
-        frame = event.frame
-        node = self._nodes_of.get(frame.can_id)
-        page = None if node is None else decode_state(frame.data)
-        if node is None and is_welcome(frame.data) and control_node(frame.data) == self._victim:
-            self._unpaid = _AFTER_AN_ANSWER
-        elif node is not None and isinstance(page, StatePage0):
+        node, page = self._nodes_of[event.frame.can_id], decode_state(event.frame.data)
+        if isinstance(page, StatePage0):
             self._pages[node] = page
             self._has_beaten |= node == self._victim
 
@@ -238,12 +230,10 @@ class Denier:
         self._wrong += 1
         if self._wrong <= _WRONG_FIRST:
             return self._beat()
-        if self._unpaid:
-            self._unpaid -= 1
-            return self._nonce()
-        if self._has_beaten:
-            self._has_beaten = False
+        if self._has_beaten and not self._due_nonces:
+            self._has_beaten, self._due_nonces = False, _NONCES_AFTER_A_WELCOME
             return self._welcome()
+        self._due_nonces = max(0, self._due_nonces - 1)
         return self._nonce()
 
     def _any(self) -> list[Frame]:
