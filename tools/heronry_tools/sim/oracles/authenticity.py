@@ -59,6 +59,7 @@ class _Pe:
     """Commands that one PE can have accepted so far, and a lower bound of those that it has accepted."""
 
     name: str
+    node: int
     bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
@@ -84,7 +85,7 @@ class AuthenticityCheck(Oracle):
         self._may_count_again = False
         for pe in spec.pes.values():
             bus = uplink_bus(spec, pe.name)
-            known = _Pe(pe.name, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
+            known = _Pe(pe.name, pe.node_id, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def may_count_again(self) -> None:
@@ -192,4 +193,6 @@ def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
     elif isinstance(message, Prepare):
         pe.prepares[message.epoch] = t_ns
     elif isinstance(message, Control) and message.operation is Operation.CLEAR:
-        pe.clears[message.a, message.b] = t_ns
+        place = message.a >> 8  # node-ID of the PE on which alone a module is cleared; 0: everywhere
+        if place in (0, pe.node):
+            pe.clears[message.a & 0xFF, message.b] = t_ns
