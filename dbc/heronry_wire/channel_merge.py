@@ -43,8 +43,8 @@ def window_ns(heartbeat_ns: int) -> int:
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """Longest time in ns from when the first copy has left until the second starts, so that it arrives
-    in the window.
+    """Longest time in ns between the end of the first copy and the start of the second, for both to be
+    in one window.
     """
     return heartbeat_ns // 4
 
