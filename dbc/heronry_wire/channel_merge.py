@@ -43,9 +43,7 @@ def window_ns(heartbeat_ns: int) -> int:
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """Longest time in ns between the end of the first copy and the start of the second, for both to be
-    in one window.
-    """
+    """Longest time in ns from the end of the first copy to the start of the second, so that both are in one window."""
     return heartbeat_ns // 4
 
 
