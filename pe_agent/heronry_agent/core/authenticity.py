@@ -198,9 +198,7 @@ class Authenticity:
             self._tell()
 
     def _tell(self) -> None:
-        """Send page 3: the digest of what runs (a tagged page 0 has no room for it), and the counts of refused
-        commands.
-        """
+        """Send page 3: the running digest, for which a tagged page 0 has no room, and counts of refused commands."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
         other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of those
