@@ -2,8 +2,8 @@
 
 This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
 (CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
-its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115), answers
-the next one. Channel 110 is CANopen's (LSS) and is never used here.
+its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115). Answers
+have the next identifier. Channel 110 is CANopen's (LSS) and is never used here.
 
 States: none. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and accepts NSS.
 The other services are here so that tools can send requests to units of other makers, and show the answers. If no answer
@@ -11,8 +11,8 @@ comes within 100 ms (V1.7), the sender repeats the request. Every node answers a
 (n - 92) ms, so that the answers do not all start together.
 
 A block (DDS writes it, DUS reads it) consists of a start with the number of messages, data messages numbered from 0,
-and a checksum under the last number. What V1.7 does not specify (number of the first message, range of the sum) follows
-the common C implementation: from 0, and the sum of all bytes modulo 2**32.
+and a checksum under the last number. V1.7 does not specify the number of the first message and the range of the sum.
+Here both follow the common C implementation: from 0, and the sum of all bytes modulo 2**32.
 """
 
 from enum import IntEnum
@@ -80,7 +80,7 @@ class ServiceMessage(NamedTuple):
 
 
 class Identification(NamedTuple):
-    """The answer to IDS, each 0..255: distribution 0 is the standard one, header type 0 the standard one."""
+    """The answer to IDS; each field is 0..255. Distribution 0 and header type 0 are the standard ones."""
 
     hardware_revision: int
     software_revision: int
@@ -126,7 +126,7 @@ def request(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry no value, only a message code."""
+    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry a message code and no value."""
     return ServiceMessage(channel, is_answer=False, datum=Datum(node_id, data_type, service, message_code, value))
 
 

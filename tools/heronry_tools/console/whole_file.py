@@ -1,7 +1,7 @@
 """Files that are written whole or not at all.
 
 A result that takes minutes is written at the end, in one step. So the command checks at the start whether the file can
-be written: a folder is refused, and a device, too, since the finished draft would replace it.
+be written. A folder is refused. A device is refused too, because the finished draft would replace the device file.
 """
 
 import os
@@ -22,10 +22,10 @@ def expect_writable(file: Path) -> None:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file such that a reader, even after a crash, finds either all of the new content or the old file.
+    """Write a file; a reader, even after a crash, finds either all of the new content or the old file.
 
-    Raises UserError where the file cannot be written, and `Interrupted` where the command was interrupted while it
-    computed the data; then the old file stays.
+    Raises UserError if the file cannot be written, and `Interrupted` if the command was interrupted while it computed
+    the data; then the old file stays.
     """
     interruption.expect_none()
     expect_writable(file)

@@ -1,13 +1,13 @@
-"""Run one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
+"""Runs one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
 
-What it does: boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out
-while it is written, and returns the exit code that the guest left. No privilege is used: to the host's files the
-guest can do what its caller can.
+This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
+is written, and returns the exit code that the guest left. No privilege is used: to the host's files the guest can do
+what its caller can.
 
-What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too long
-(ExpiredError), a signal stops this program (an exception from its handler). In each case the guest's process group is
-killed; if this program is killed itself, the host's kernel kills the guest. All traces are in one temporary folder; the
-guest's memory is an unlinked file.
+Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
+too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
+process group is killed; if this program is killed itself, the host's kernel kills the guest. All traces are in one
+temporary folder; the guest's memory is a file without a name, which disappears with the guest.
 """
 
 import ctypes
