@@ -1,4 +1,4 @@
-"""Small files that a node keeps: read without waiting, and replaced as a whole, so a crash leaves the old or the new.
+"""Files that a node keeps, or a command writes: read without waiting, and replaced as a whole, so a crash leaves the old or the new.
 
 The place of such a file may hold something else: a pipe would make `open` wait for ever, and a folder cannot be
 replaced. Both are errors here, as are a full disk and a read-only one: OSError, whose text is for a message.
@@ -29,16 +29,16 @@ def open_ordinary(file: Path) -> int:
 def replace_ordinary(file: Path, data: bytes) -> None:
     """Replace a file by one with this content, on the disk when this function returns; raises OSError.
 
-    Nothing is left behind where it fails, and the old file stays.
+    Nothing is left behind where it fails or is interrupted, and the old file stays.
     """
-    draft = file.with_suffix(".new")
+    draft = file.with_name(f"{file.name}.new")
     try:
         with os.fdopen(open_ordinary(draft), "wb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
         move_ordinary(draft, file)
-    except OSError:
+    except BaseException:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
         raise
@@ -58,7 +58,7 @@ def move_ordinary(draft: Path, file: Path) -> None:
 
 def _opened(file: Path, flags: int) -> int:
     """Open without waiting for the other end of a pipe."""
-    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))
