@@ -1,7 +1,8 @@
-"""Files that a node keeps, or a command writes: read without waiting, and replaced as a whole, so a crash leaves the old or the new.
+"""Files that a node keeps or a command writes: read without waiting, and replaced as a whole.
 
-The place of such a file may hold something else: a pipe would make `open` wait for ever, and a folder cannot be
-replaced. Both are errors here, as are a full disk and a read-only one: OSError, whose text is for a message.
+A crash leaves the old file or the new one. The place of such a file may hold something else: a pipe would make `open`
+wait for ever, and a folder cannot be replaced. Both are errors here, as are a full disk and a read-only one: OSError,
+whose text is for a message.
 """
 
 import errno
