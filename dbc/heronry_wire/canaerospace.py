@@ -92,7 +92,7 @@ _LAYOUTS = tuple(
     )
 )
 _TYPES = tuple(DataType)
-_INTEGERS = "iIhHbB"  # layouts of one integer
+_INTEGERS = frozenset("iIhHbB")  # layouts of one integer
 _IS_TEXT = tuple(layout.format.endswith("s") for layout in _LAYOUTS)
 _RANGES = {
     "": "no value (None)",

@@ -21,6 +21,7 @@ from heronry_wire.canaerospace import (
     encode_emergency_event,
     pack_status,
     unpack_status,
+    value_range,
 )
 from heronry_wire.frame import Frame, Malformed, WireError
 
@@ -98,6 +99,21 @@ def test_a_double_travels_in_two_halves() -> None:
     low = read(Frame(1036, bytes.fromhex("011F00019999999A")))
     assert (high.data_type, low.data_type) == (DataType.DOUBLEH, DataType.DOUBLEL)
     assert struct.pack(">II", high.value, low.value) == struct.pack(">d", 48.1375)
+
+
+@pytest.mark.parametrize(
+    ("data_type", "least", "most"),
+    [
+        (DataType.FLOAT, -math.inf, math.inf),
+        (DataType.CHAR, -128, 127),
+        (DataType.BCHAR, 0, 255),
+        (DataType.LONG, -(2**31), 2**31 - 1),
+        (DataType.USHORT2, math.inf, -math.inf),
+        (DataType.NODATA, math.inf, -math.inf),
+    ],
+)
+def test_the_range_of_a_type_of_one_number(data_type: DataType, least: float, most: float) -> None:
+    assert value_range(data_type) == (least, most)
 
 
 def integers(bits: int, *, signed: bool) -> st.SearchStrategy[int]:
