@@ -58,6 +58,13 @@ def test_a_broadcast_is_answered_one_node_after_the_other() -> None:
     assert answer_delay_ns(one, 94) == 0
 
 
+def test_a_request_that_comes_twice_has_one_answer() -> None:
+    service = IdentificationService(93)
+    for _ in range(2):
+        assert service.asked(0, frame("080#00000000"), 0)
+    assert len(service.tick(MS)) == 1
+
+
 def test_time_is_given_to_all() -> None:
     message = request(Service.NSS, 0, data_type=DataType.ULONG, value=123456)
     assert encode_service(message) == frame("080#000401000001E240")
