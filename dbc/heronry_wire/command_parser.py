@@ -7,11 +7,12 @@ option begins alike.
 """
 
 import argparse
-import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, NoReturn
+
+from heronry_wire.spelling import close, meant
 
 _NOT_READ = re.compile(r"invalid (\w+) value: (.*)")
 _MISSING = re.compile(r"the following arguments are required: (.*)")
@@ -52,17 +53,6 @@ class CommandParser(argparse.ArgumentParser):
         shown = [name for action in self._actions if action.help != argparse.SUPPRESS for name in action.option_strings]
         found = close(option, shown)
         return f"there is no option {option}" + (f"; did you mean {found}?" if found else "")
-
-
-def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Give the known word that is closest to `word`; None where no word has at least `likeness`, 0 to 1."""
-    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
-
-
-def meant(word: str, known: Sequence[str]) -> str:
-    """Give the closest known word as a question, or else the list of all known words."""
-    found = close(word, known)
-    return f"did you mean '{found}'?" if found else f"there is {', '.join(known)}"
 
 
 def program_version() -> str:

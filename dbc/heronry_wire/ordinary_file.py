@@ -1,4 +1,4 @@
-"""Small files that a node keeps: read without waiting, and replaced as a whole.
+"""Files that a node keeps or a command writes: read without waiting, and replaced as a whole.
 
 After a crash the place holds either the old file or the new one. The place may hold something that is not a file: a
 pipe would make `open` wait for ever, and a folder cannot be replaced. Both raise OSError, as a full disk and a
@@ -30,16 +30,16 @@ def open_ordinary(file: Path) -> int:
 def replace_ordinary(file: Path, data: bytes) -> None:
     """Replace a file by one with this content; when the function returns, the content is on the disk. Raises OSError.
 
-    If it fails, the old file stays, and nothing else is left behind.
+    If it fails or is interrupted, the old file stays, and nothing else is left behind.
     """
-    draft = file.with_suffix(".new")
+    draft = file.with_name(f"{file.name}.new")
     try:
         with os.fdopen(open_ordinary(draft), "wb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
         move_ordinary(draft, file)
-    except OSError:
+    except BaseException:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
         raise
@@ -59,7 +59,7 @@ def move_ordinary(draft: Path, file: Path) -> None:
 
 def _opened(file: Path, flags: int) -> int:
     """Open a file without waiting for the other end of a pipe."""
-    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError(errno.EINVAL, _NOT_ORDINARY, str(file))

@@ -14,7 +14,6 @@ function unwanted; in a phase that does not want the function, nothing makes it 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from fractions import Fraction
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
+from heronry_wire.spelling import meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
@@ -180,10 +180,7 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(names) or 'none'}"
-    return f"no {kind} is named '{name}'; {hint}"
+    return f"no {kind} is named '{name}'; {meant(name, known)}"
 
 
 @dataclass(frozen=True, slots=True)

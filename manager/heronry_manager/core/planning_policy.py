@@ -154,11 +154,6 @@ class PlanningPolicy:
         self._in_pre_planning: PrePlan | None = None
         self._number = 0  # of the last question ahead
 
-    @property
-    def is_pre_planning(self) -> bool:
-        """Tell whether the pre-planner owes an answer."""
-        return self._in_pre_planning is not None
-
     def step(self, event: PolicyEvent) -> list[Instruction]:
         """Take one event; returns what is to be done, in order. A RequestPlan gives exactly one instruction."""
         match event:

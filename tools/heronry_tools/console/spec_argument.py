@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.console.errors import UserError
-from heronry_wire.command_parser import meant
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Function, Spec
@@ -126,4 +126,4 @@ def named_function(spec: "Spec", name: str) -> "Function":
     """Function that an argument names; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
-    raise UserError(f"no function is named '{name}'; {meant(name, list(spec.functions))}")
+    raise UserError(f"no function is named '{name}'; {meant(name, spec.functions)}")

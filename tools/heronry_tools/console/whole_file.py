@@ -9,6 +9,7 @@ from pathlib import Path
 
 from heronry_tools.console.errors import UserError
 from heronry_wire import interruption
+from heronry_wire.ordinary_file import replace_ordinary
 
 
 def expect_writable(file: Path) -> None:
@@ -29,16 +30,7 @@ def write_whole(file: Path, data: bytes) -> None:
     """
     interruption.expect_none()
     expect_writable(file)
-    target = file.resolve()  # the target of a link is replaced, and the link stays
-    draft = target.with_name(f"{target.name}.new")
     try:
-        with draft.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(target)
-    except BaseException as error:
-        draft.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise UserError(f"{file} cannot be written: {error.strerror}") from error
-        raise
+        replace_ordinary(file.resolve(), data)  # the target of a link is replaced, and the link stays
+    except OSError as error:
+        raise UserError(f"{file} cannot be written: {error.strerror}") from error
