@@ -10,7 +10,7 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
 
 
 def meant(word: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Give the closest known word as a question; where no word is close, `otherwise`, or the list of all known words."""
+    """Give the closest known word as a question; else `otherwise`, or the list of all known words."""
     names = list(known)
     found = close(word, names)
     return f"did you mean '{found}'?" if found else otherwise or f"there is {', '.join(names) or 'none'}"
