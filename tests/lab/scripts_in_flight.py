@@ -33,9 +33,11 @@ from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.faults.drawing import drawn_faults
+from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
 from heronry_tools.sim.flight.injection.schedule import Injections
+from heronry_tools.sim.flight.outcome import KEY, need_key
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.violation import Violation
 
@@ -146,10 +148,11 @@ def broken(text: str, random: Random) -> str:
 
 def fly(spec: Spec, flight: FlightOfScripts) -> Result:
     """Fly once."""
-    simulation = Simulation(spec, flight.seed, standby=flight.standby)
+    faults = drawn_faults(spec, flight.seed, flight.seconds, of_two=flight.standby)
+    simulation = Simulation(spec, flight.seed, standby=flight.standby, key=KEY if need_key(faults) else None)
     result = Result(flight.seed)
     try:
-        violations = _fly(spec, simulation, flight, result)
+        violations = _fly(simulation, faults, flight.seconds, result)
     except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = ended_by(simulation, error)
     result.digest = simulation.digest()
@@ -157,17 +160,16 @@ def fly(spec: Spec, flight: FlightOfScripts) -> Result:
     return result
 
 
-def _fly(spec: Spec, simulation: Simulation, flight: FlightOfScripts, result: Result) -> list[Violation]:
+def _fly(simulation: Simulation, faults: tuple[Fault, ...], seconds: float, result: Result) -> list[Violation]:
     while not simulation.events_of("reconfigured"):
         simulation.run_for(MS)
         if simulation.now_ns > _LONGEST_START_NS:
             result.violations.append("no configuration has ever run")
             return []
     start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
-    end_ns = start_ns + round(flight.seconds * _NS_PER_S)
-    faults = drawn_faults(spec, flight.seed, flight.seconds, of_two=flight.standby)
+    end_ns = start_ns + round(seconds * _NS_PER_S)
     injections = Injections(simulation, faults, start_ns)
-    ScriptingOperator(simulation, Random(f"scripts of {flight.seed}"), end_ns, result).begin()
+    ScriptingOperator(simulation, Random(f"scripts of {simulation.seed}"), end_ns, result).begin()
     simulation.run_until(end_ns)
     return end_flight(simulation, injections, (fault.target for fault in faults))
 
