@@ -127,7 +127,9 @@ def _bare_number_hint(number: str, unit: str) -> str:
 def _whole(value: object, factor: int, most: int, unit: str) -> int:
     above, below = _numeric(value).as_integer_ratio()  # a Fraction does the same, and takes five times as long
     if not 0 <= above <= most * below:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}", "write a number in between")
+        raise UnfitError(
+            rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}", "write a number between these two"
+        )
     whole, rest = divmod(above * factor, below)
     if rest:
         next_one = Fraction(whole + 1, factor)

@@ -122,7 +122,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
         yield Violation("t.wait", "transition", "there must be a step BREAK if and only if there are PEs to wait for")
     for pe in way.wait_for:
         if pe not in left.pe_cpu_millis:
-            yield Violation("t.wait", f"pe {pe}", "the transition waits for it, and it cannot answer")
+            yield Violation("t.wait", f"pe {pe}", "the transition waits for this PE, which cannot answer")
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
@@ -179,7 +179,9 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
                 could.setdefault(f"{part} of demux {demux}", set()).add(pe)
     for thing in begins:
         if len(could[thing]) > 1:
-            yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
+            yield Violation(
+                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at the same time"
+            )
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:

@@ -320,7 +320,7 @@ def _decoded(data: bytes, findings: Findings) -> str | None:
     if bad is None:
         return text
     sentence = f"character U+{ord(bad[0]):04X} is not allowed"
-    findings.add(rules.INVISIBLE, _end_of(text[: bad.start()]), sentence, "remove it; it cannot be seen")
+    findings.add(rules.INVISIBLE, _end_of(text[: bad.start()]), sentence, "remove the character, which is invisible")
     return None
 
 

@@ -268,7 +268,9 @@ def _unused_gates(subject: Subject, findings: Findings) -> None:
         named |= set(yaml_source.texts(entry.node))
     for name in draft.shorthands.keys() - named:
         sentence = f"no expression names gate '{name}'"
-        findings.add(rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove it, or name it in `needs`")
+        findings.add(
+            rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove the gate, or name it in `needs`"
+        )
 
 
 def _unused_devices(subject: Subject, findings: Findings) -> None:

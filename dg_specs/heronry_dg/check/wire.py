@@ -122,7 +122,7 @@ def _type(subject: Subject, findings: Findings, name: str, standard: StandardIde
             f"variable '{name}' is of type {given}; {standard.can_id} ({standard.name}) is {listed(allowed, last='or')}"
         )
         place = subject.place("variables", name, "type")
-        findings.add(rules.STANDARD_TYPE, place, sentence, "take that type, or leave the identifier out")
+        findings.add(rules.STANDARD_TYPE, place, sentence, "give the variable that type, or leave the identifier out")
 
 
 def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:
