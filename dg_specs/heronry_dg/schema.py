@@ -331,7 +331,10 @@ class PhaseForm(Form):
 
 
 class PlantForm(Form):
-    """A part of the physical world that is controlled; what is held on several axes is several plants."""
+    """A part of the physical world that is controlled.
+
+    What is controlled on several axes is written as several plants.
+    """
 
     moved_by: Names = Field(default=[], description="Actuators that act on the plant.", examples=[["elevator_servo"]])
     seen_by: Names = Field(default=[], description="Sensors that measure the plant.", examples=[["pitch_gyro"]])

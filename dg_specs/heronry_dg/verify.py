@@ -99,7 +99,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that do not break semantics rule 2."""
+    """Keep the wires that satisfy semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())

@@ -77,7 +77,7 @@ def lacks_identifiers(spec: Spec) -> bool:
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """(module, variable) pairs that need an allocated identifier: all but the one that holds a standard identifier."""
+    """Give the (module, variable) pairs that need an allocated identifier: all pairs without a standard identifier."""
     standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
     pairs = []
     for pair in spec.sources():
