@@ -136,7 +136,7 @@ class DemuxPaths:
         return self._without[failed]
 
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
-        """Remove the modes of failed modules, and then whatever no longer has what it needs."""
+        """Remove the modes of failed modules, and then all modes whose needs cannot hold any more."""
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
         ]
@@ -153,7 +153,7 @@ class DemuxPaths:
 
 
 class _Remains:
-    """What can still run, and how many of these modes give each datum."""
+    """What can still run, and for each datum the number of modules that still give it."""
 
     def __init__(self, modes: Collection[tuple[str, str]], givers: Counter[_Datum]) -> None:
         self.modes = set(modes)

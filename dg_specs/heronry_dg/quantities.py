@@ -52,7 +52,10 @@ def rate_mhz(value: object) -> int:
 
 
 def weight_mbit_per_s(value: object) -> int:
-    """Thousandths of a bit/s, from bit/s; raises UnfitError for what is negative, too large or finer."""
+    """Convert bit/s to thousandths of a bit/s.
+
+    Raises UnfitError for a value that is negative, too large or too fine.
+    """
     return _whole(value, 1000, MOST_BITS_PER_S, "a thousandth of a bit/s")
 
 

@@ -214,9 +214,9 @@ class Transitions:
     def _exclusive(
         self, runs: Placement, wanted: Placement, left: Survivors
     ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-        """Give the PEs that give up something exclusive to another PE, with the reasons.
+        """Give the PEs that give up something exclusive to another PE, each with the reasons.
 
-        And the DEMUXes that a silent PE may drive.
+        Give also the DEMUXes that a silent PE may drive.
         """
         driver_on = {thing: pe for m, (_, pe) in wanted.items() for thing in self._things.get(m, ())}
         reasons: dict[str, tuple[str, ...]] = {}

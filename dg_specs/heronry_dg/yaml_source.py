@@ -124,9 +124,9 @@ def is_nothing(node: Node) -> bool:
 
 
 def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
-    """Give the node at a path of keys and indices, or the last node before the path leaves the tree.
+    """Give the node at a path of keys and indices, and the number of steps taken.
 
-    And the steps taken.
+    If the path leaves the tree, the node is the last one before that.
     """
     for taken, step in enumerate(path):
         match node:

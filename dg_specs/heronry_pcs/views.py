@@ -58,7 +58,7 @@ def contract(
 ) -> tuple[Graph, View]:
     """Replace all members inside component `name` of the model by that component.
 
-    With `parts`, first make it of these members.
+    With `parts`, the component does not exist yet: it is first made of these members.
 
     Raises PcsError: as `check_view`; with parts `view`, `clash:K`, `needs:nested`; then `unknown:K`, `contracted`.
     """

@@ -87,10 +87,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Divide the findings into those to report and those that a comment suppresses.
-
-    Give the first, and these comments.
-    """
+    """Give the findings to report, and the comments that suppress the other findings."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:

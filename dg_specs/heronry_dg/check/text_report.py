@@ -35,9 +35,9 @@ def concise(files: Sequence[Assessed]) -> str:
 
 
 def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
-    """Give the number of findings of each code, as a list above the findings.
+    """Write a list with the number of findings of each code, to be shown above the findings.
 
-    Empty where there are only a few findings.
+    If there are only a few findings, the list is empty.
     """
     counts = Counter((finding.severity, finding.code) for assessed in files for finding in assessed.findings)
     if counts.total() <= _FEW:
