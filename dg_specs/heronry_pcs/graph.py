@@ -25,7 +25,7 @@ Edge = tuple[str, str]
 
 
 class PcsError(HeronryError, ValueError):
-    """An operation cannot be applied; `error` names the reason, such as `needs:configuration` or `unknown:Kimu`."""
+    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`."""
 
     def __init__(self, error: str) -> None:
         self.error = error

@@ -122,7 +122,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the hub sent a record that is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the hub sent what is no frame: {received.reason}")
         frame = received.frame
         return StampedMessage(
             received.time_ns,
