@@ -1,4 +1,4 @@
-"""What a person may have meant by a name that does not exist: the closest of those that do."""
+"""Suggests the name that a user may have meant: the known name that is closest to an unknown one."""
 
 import difflib
 from collections.abc import Iterable

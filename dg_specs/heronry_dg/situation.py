@@ -1,15 +1,16 @@
 """Situations: which elements are down or limited, and what they leave of the system.
 
-An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1). A
-*place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that PE, because its code is
-not there or it has failed there. A place exists where the module has two or more possible PEs, and the PE is one of
-them; `module:autopilot` is all its places at once. A `Situation` is an input (faults, limits, phase, priorities that
-differ from the spec's), and `Survivors` is computed from it. The devices of a PE that is down are out of use, and so
-are routes over that PE. A PE without a route to the manager's bus cannot be commanded and counts as down. If the
-manager's own bus is down, nothing is left.
+An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (channels
+are numbered from 1). A *place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that
+PE, because the module's code is not there or the module has failed there. A place exists where the module has two or
+more possible PEs, and the PE is one of them; `module:autopilot` is all its places at once.
 
-A changed priority replaces the spec's in every phase in which that is above 0. A changed priority of 0 makes the
-function unwanted; in a phase that does not want the function, nothing makes it wanted.
+A `Situation` is an input: faults, limits, phase, and priorities that differ from the spec's. `Survivors` is computed
+from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
+manager's bus cannot be commanded and counts as down. If the manager's own bus is down, nothing is left.
+
+A changed priority replaces the spec's priority in every phase in which the function is wanted. A changed priority of 0
+makes the function unwanted. In a phase that does not want the function, a changed priority has no effect.
 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """

@@ -259,7 +259,7 @@ class RunningModules:
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Collection[str]) -> None:
-        """Report the modules of which one of these images is the code: they cannot run on this PE."""
+        """Report the modules whose code is one of these images: they cannot run on this PE."""
         for module, entry in sorted(self._index.modules.items()):
             if entry.image in images and module not in self._lacking:
                 self._lacking.add(module)
@@ -268,8 +268,8 @@ class RunningModules:
     def cleared(self, a: int, index: int) -> None:
         """Clear the faults of an element, as the operator commanded; a module may be cleared on another PE alone.
 
-        `a` is that of CLEAR, which for a changed priority is none of this PE's business. A module whose code is not
-        here is reported again at once.
+        a, index: the fields of CLEAR; a CLEAR of a changed priority has no effect here. A module whose code is not on
+        this PE is reported again at once.
         """
         kind, place = kind_and_place(a)
         if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):
@@ -344,9 +344,9 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Handle the end of a partition: `culprit`, or without one every module of it, has failed.
+        """Handle the end of a partition.
 
-        The others restart.
+        The module `culprit` has failed, or without a culprit every module of the partition; the others restart.
         """
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:

@@ -100,7 +100,7 @@ class _Context:
         self.priorities.append((str(function), wanted))
 
     def forget(self) -> None:
-        """Begin anew with no command, report or request."""
+        """Drop all commands, reports and requests of the last step."""
         self.writes, self.reports, self.phases, self.priorities = [], [], [], []
 
     def _require_device(self) -> None:

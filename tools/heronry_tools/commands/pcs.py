@@ -98,7 +98,10 @@ def _add_graph(commands: Any) -> None:
     parser = _command(commands, "graph", does, run_graph, forms={**TEXT_OR_JSON, "svg": (".svg",)})
     _add_subject(parser)
     parser.add_argument(
-        "--level", choices=("module", "pe", "side"), default="module", help="what is seen closed (default: module)"
+        "--level",
+        choices=("module", "pe", "side"),
+        default="module",
+        help="which components are shown closed (default: module)",
     )
 
 
@@ -125,16 +128,18 @@ def _add_edit(commands: Any) -> None:
     )
     parser.add_argument("subject", metavar="FILE", help="a component graph")
     parser.add_argument("operation", choices=_OPERATIONS, metavar="OPERATION", help=", ".join(_OPERATIONS))
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member")
+    parser.add_argument(
+        "arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member, as the operation needs"
+    )
     _add_view(parser)
-    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: members to make the new one of")
+    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: the members of the new component")
     _add_write(parser)
 
 
 def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
     parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
-    parser.add_argument("new", metavar="NEW", help="the one to get to")
+    parser.add_argument("new", metavar="NEW", help="the graph or plan to reach")
     parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, where it is not a shipped one")
 
 
@@ -329,7 +334,7 @@ def _fly(arguments: argparse.Namespace) -> int:
     from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
 
     if arguments.plan is not None or arguments.write is not None:
-        raise UserError("--live flies what runs: leave --plan and --write out")
+        raise UserError("--live changes the running configuration: leave --plan and --write out")
     text = read_text(arguments.script)
     spec, path = load_spec(arguments.subject), manager_socket(arguments)
     return say_answer(arguments, fly(path, text, spec))

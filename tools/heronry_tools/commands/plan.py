@@ -62,7 +62,9 @@ def add_parsers(subparsers: Any) -> None:
     _add_spec(plan)
     _add_situation(plan)
     plan.add_argument(
-        "--running", metavar="PLAN.json", help="what runs now, as a plan: prefer few changes against it (- for stdin)"
+        "--running",
+        metavar="PLAN.json",
+        help="the plan that runs now; the new plan changes as little of it as possible (- for stdin)",
     )
     plan.add_argument(
         "--planner",

@@ -31,7 +31,7 @@ class Stage(IntEnum):
 
 
 class MissionSequencer(Module):
-    """Publishes `mission_stage`, from those of altitude, airspeed and wing state that are present."""
+    """Publishes `mission_stage`, from the inputs that are present: altitude, airspeed and wing state."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -14,9 +14,9 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The graphs before and after a script, equal where the script has errors.
+    """The graphs before and after a script; they are equal if the script has errors.
 
-    For a plan also why the result is illegal.
+    For a plan, also the reasons why the resulting configuration is not legal.
     """
 
     statements: int

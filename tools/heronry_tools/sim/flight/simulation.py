@@ -210,7 +210,11 @@ class Simulation:
             unwell = self.unsettled() + queues.look(self.now_ns, wires)
             epoch_before, epoch = epoch, self.checks.epoch
             if epoch != epoch_before:
-                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} was activated only now"))
+                unwell.append(
+                    Violation(
+                        self.now_ns, "active", f"epoch {epoch} was activated when the aircraft should have converged"
+                    )
+                )
             if unwell and self.now_ns >= end_ns:
                 return self.broken() + unwell
             if unwell:
