@@ -13,6 +13,7 @@ from importlib.metadata import version
 from typing import Any, NoReturn
 
 _NOT_READ = re.compile(r"invalid (\w+) value: (.*)")
+_MOST_NAMES = 40  # in a sentence that names all there are
 _MISSING = re.compile(r"the following arguments are required: (.*)")
 
 
@@ -59,9 +60,12 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
 
 
 def meant(word: str, known: Sequence[str]) -> str:
-    """What may have been meant: the closest known word, else all of them."""
+    """What may have been meant: the closest known word, else all of them, or the first ones of many."""
     found = close(word, known)
-    return f"did you mean '{found}'?" if found else f"there is {', '.join(known)}"
+    if found:
+        return f"did you mean '{found}'?"
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return f"there is {', '.join(known[:_MOST_NAMES]) or 'none'}{more}"
 
 
 def program_version() -> str:

@@ -94,13 +94,19 @@ def test_a_view_that_is_none_and_a_name_that_is_unknown(flat: str, capsys: pytes
     assert (said.code, said.json) == (1, {"error": "view"})
     assert Said(capsys, "check", flat, "--path", "A,Y", "--json").json == {"error": "unknown:Y"}
     said = Said(capsys, "check", flat, "--at", "A,Y")
-    assert said.code == 1
-    assert said.err == "heronry: unknown:Y: there is no 'Y' here\n"
+    assert (said.code, said.out) == (2, "")
+    assert said.err == "heronry: there is no 'Y' here; there is A, B, C, D\n"
+
+
+def test_a_misspelt_member_is_answered_with_the_one_that_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "check", "g_star", "--at", "Kimuu")
+    assert (said.code, said.out) == (2, "")
+    assert "there is no 'Kimuu' here; did you mean 'Kimu'?" in said.err
 
 
 def edited(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     said = Said(capsys, "edit", *arguments, "--json")
-    assert said.code == ("error" in said.json)
+    assert said.code == (2 if said.json.get("error", "").startswith("unknown:") else "error" in said.json)
     return said.json
 
 

@@ -4,11 +4,11 @@ A module exists from its StartModule to its StopModule. In between the schedule 
 step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the module's device is
 executed, if it is authorized, and echoed. A report of a failed element becomes a fault.
 
-A module *fails* when it raises an exception, gives or writes a value that cannot be carried, hangs, or its partition
-ends. The failure is reported, and the module is restarted as often as the table allows (`restarts`), then stopped: the
-manager has the report and decides. A module that cannot be built, or that takes too long in many steps in a row, is
-stopped immediately. A partition in which a module hangs is ended by force; its other modules are restarted immediately,
-and other partitions are not affected.
+A module *fails* when it raises an exception, gives or writes a value that cannot be carried, gives an output that none
+of its modes has, hangs, or its partition ends. The failure is reported, and the module is restarted as often as the
+table allows (`restarts`), then stopped: the manager has the report and decides. A module that cannot be built, or that
+takes too long in many steps in a row, is stopped immediately. A partition in which a module hangs is ended by force;
+its other modules are restarted immediately, and other partitions are not affected.
 
 The output authorization (protocol rule 6) is checked at the last moment, in three places. A DEMUX branch without it is
 not stepped, since the branch may command its device itself. A command in the answer to a step is not executed without
@@ -35,6 +35,7 @@ from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_output
 from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
@@ -167,6 +168,8 @@ class RunningModules:
                 self._give(running, variable, value)
         except WireError as error:
             self._failed(event.module, Failure(str(error)))
+        except UnknownOutputError as error:
+            self._failed(event.module, Failure(str(error)), FaultCode.UNKNOWN_OUTPUT)
         else:
             if self.schedule.overruns_now(event.module):
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
@@ -354,8 +357,13 @@ class RunningModules:
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
 
     def _give(self, running: _Running, variable: str, value: Value) -> None:
-        """Handle a value of a variable that a module has given: publish it, and check it against phase rules."""
+        """Handle a value of a variable that a module has given: publish it, and check it against phase rules.
+
+        Raises WireError for a value that cannot be carried, and UnknownOutputError. An output of another mode is left
+        out: the code of several modes may compute the same outputs.
+        """
         if variable not in running.gives:
+            expect_output(running.entry, variable)
             self._turn.count("output that the mode does not give", running.entry.index)
             return
         source, version = running.gives[variable]

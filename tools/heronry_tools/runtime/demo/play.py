@@ -11,6 +11,7 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.events import event
 from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import expect_ending
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
@@ -44,6 +45,8 @@ def play(arguments: argparse.Namespace) -> int:
         )
     if arguments.key is not None:
         read_key(arguments.key)
+    if arguments.record is not None:
+        expect_ending(arguments.record, {"log": (".log",)})
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         folder = run_folder()
