@@ -83,7 +83,7 @@ class ModuleEntry:
     name: str
     image: str
     device: str | None
-    demux: bool  # a branch of a DEMUX: its output is exclusive
+    demux: bool  # a branch of a DEMUX, or an end of its `to`: its output is exclusive
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
     silent_output: bool = False  # its function has no actuator: only an output echo shows that it runs

@@ -115,4 +115,5 @@ def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_reported_agai
     simulation.run_for(MS)  # the acknowledgement is sent, and the next heartbeat is not
     simulation.managers.kill()
     assert simulation.settle() == []
-    assert [event["element"] for event in simulation.events_of("fault_reported")] == ["module:chute_logic"] * 2
+    told = [event["element"] for event in simulation.events_of("fault_reported")]
+    assert told == ["module:chute_logic@control_pe"] * 2

@@ -220,8 +220,8 @@ class Bounds:
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
         """Give the T_lease to wait for if silent PEs drove these DEMUXes, in nanoseconds; 0: none did."""
-        branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
-        drove = {running.pe for module, running in case.before.modules.items() if module in branches}
+        rivals = {m for demux in demuxes for group in self._spec.demuxes[demux].exclusives.values() for m in group}
+        drove = {running.pe for module, running in case.before.modules.items() if module in rivals}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
 
     def _up(self, pe: str, times: _Times) -> int:

@@ -20,7 +20,7 @@ from heronry_dg.losses import lost_of
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan, make_plan
-from heronry_dg.situation import Situation, elements, survivors
+from heronry_dg.situation import Situation, elements, places, survivors
 from heronry_manager.contingency.contingencies import Contingencies, Made
 from heronry_manager.planner.sweep import FaultSet, Phase
 
@@ -34,7 +34,8 @@ class ContingencyTable:
         self._running: dict[Phase, Placement] = {
             phase: placement(made.configuration(self._made[phase, frozenset()].number)) for phase in made.scope.phases
         }
-        self._implied = {element: _implied(spec, element) for element in elements(spec)}
+        named = [*elements(spec), *(place for module in spec.modules for place in places(spec, module))]
+        self._implied = {element: _implied(spec, element) for element in named}
         self._plans: dict[tuple[Phase, FaultSet], Plan] = {}
         for phase, down in self._made:
             plan = self.plan(down, phase, self._running[phase]) if len(down) <= 1 else None
@@ -71,5 +72,7 @@ class ContingencyTable:
 def _implied(spec: Spec, element: str) -> frozenset[str]:
     """Return the elements that count as down while this one is; no two elements imply each other."""
     left = survivors(spec, Situation(frozenset({element})))
-    homeless = (f"module:{module.name}" for module in spec.modules.values() if not left.hosts(module))
-    return (lost_of(left) | frozenset(homeless)) - {element}
+    hosts = {module.name: left.hosts(module) for module in spec.modules.values()}
+    homeless = (f"module:{name}" for name, pes in hosts.items() if not pes)
+    lost = (place for name, pes in hosts.items() for place in places(spec, name) if place.partition("@")[2] not in pes)
+    return (lost_of(left) | frozenset((*homeless, *lost))) - {element}

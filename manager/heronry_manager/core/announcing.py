@@ -45,9 +45,9 @@ class Announcer:
 
     def look(self) -> list[Fact]:
         """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
-        places = map(self._situation.failed.place, self._situation.failed.elements)
-        held = sorted(place for place in places if place is not None)
-        facts = self._phase() + [(Operation.HOLDS, *place) for place in held]
+        fields = map(self._situation.failed.field, self._situation.failed.elements)
+        held = sorted(field for field in fields if field is not None)
+        facts = self._phase() + [(Operation.HOLDS, *field) for field in held]
         facts += self._situation.priorities.facts()
         if self._script.target is not None:
             facts.append((Operation.HOLDS, ElementKind.SCRIPT, 0))

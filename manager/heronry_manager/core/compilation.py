@@ -48,6 +48,7 @@ class Compiler:
         self._spec = spec
         self._module_index = {name: i for i, name in enumerate(spec.modules)}
         self._source_index = {source: i for i, source in enumerate(spec.sources())}
+        self._exclusive = frozenset(spec.exclusive_things())
         self._all_up = survivors(spec, Situation())
         self._radios = radios(spec)
 
@@ -149,7 +150,7 @@ class Compiler:
             name=module.name,
             image=module.image,
             device=module.device,
-            demux=any(module.name in demux.branches for demux in self._spec.demuxes.values()),
+            demux=module.name in self._exclusive,
             movable=len(hosts_when_all_is_up(self._spec, module)) > 1,
             modes=tuple(
                 ModeEntry(

@@ -175,6 +175,8 @@ class Deployment:
                 epoch.not_on_board(pe, self._turn.now_ns)
             if page.reason not in _NO_REFUSAL:
                 self._turn.emit("pe_refused", pe=pe, epoch=epoch.epoch, reason=page.reason.name)
+                if page.reason is Reason.IMAGE:
+                    return None  # the PE also reports the module, and repeats that until it is heard
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
 
@@ -190,9 +192,14 @@ class Deployment:
 
     # From one epoch to the next
 
-    def stopped(self, module: str) -> None:
-        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it."""
-        self._stopped.add(module)
+    def stopped(self, module: str, pe: str | None = None) -> None:
+        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it.
+
+        pe: the PE that had stopped it; a module that runs on another PE now is not concerned.
+        """
+        runs_on = (self.running or {}).get(module)
+        if pe is None or (runs_on is not None and runs_on[1] == pe):
+            self._stopped.add(module)
 
     def is_overtaken_by(self, pe: str) -> bool:
         """Tell whether a PE runs a newer epoch than the last one that this manager opened."""

@@ -1,8 +1,8 @@
 """Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
-A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
-run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that the PE may be running places the
-token there:
+A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME` for its branches, `demux:NAME.to` for the
+ends of its `to`), or the identifiers of a module that may run on several PEs (`module:NAME`). A PE *holds* a token when
+a configuration that the PE may be running places the token there:
 
     gains    the tokens of a configuration, from the first ACTIVATE of its epoch on; every token that could be placed
              there, when the PE is found running another manager's configuration, or has not been heard when a
@@ -55,7 +55,7 @@ class Exclusion:
         self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each PE was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
-        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._things = spec.exclusive_things()
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         for module in spec.modules.values():
             for pe in hosts_when_all_is_up(spec, module):
@@ -69,9 +69,7 @@ class Exclusion:
         return placed
 
     def _tokens_of(self, module: str) -> set[str]:
-        tokens = set()
-        if module in self._demux_of:
-            tokens.add(f"demux:{self._demux_of[module]}:{module}")
+        tokens = {f"demux:{thing}:{module}" for thing in self._things.get(module, ())}
         if module in self._movable:
             tokens.add(f"module:{module}")
         return tokens
@@ -176,6 +174,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`."""
+    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`, as is one of `to`."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

@@ -50,7 +50,6 @@ from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 
-_KINDS = frozenset(ElementKind)
 _TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 
 
@@ -74,9 +73,10 @@ class LimitChanged:
 
 @dataclass(frozen=True, slots=True)
 class ModuleReleased:
-    """A module was cleared, and does not run before an epoch starts it."""
+    """A module was cleared, and does not run before an epoch starts it; `pe`: it was cleared on this PE alone."""
 
     module: str
+    pe: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +195,7 @@ class KnownSituation:
         if kind == "bus":
             self.suspicions.bus(name, pe)
             return ()
+        element = self.failed.where(element, pe, emergency.code)
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
@@ -244,8 +245,7 @@ class KnownSituation:
             return tuple(map(PlanNeeded, causes))
         if self._has_just_told_phase:
             return self._phase_told(manager, told.b)
-        kind = ElementKind(told.a) if told.a in _KINDS else None
-        element = None if kind is None else self.failed.element(kind, told.b)
+        element = self.failed.told(told.a, told.b)
         if element is not None and told.operation is Operation.HOLDS:
             self._untold[element] = 0
             return self.latch(LatchedFault(element, f"manager {manager}", HELD_CODE, 0, self._turn.now_ns))
@@ -292,16 +292,17 @@ class KnownSituation:
 
     def clear(self, element: str, by: str) -> Changes | None:
         """Clear an element; gives the consequences, or None: it was neither latched nor in quarantine."""
-        fault = self.failed.clear(element)
+        faults = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
-        if fault is None and not let_in:
+        if not faults and not let_in:
             return None
         changes: list[SituationChange] = []
-        if fault is not None:
-            self._turn.keep(Cleared(element))
+        for fault in faults:
+            self._turn.keep(Cleared(fault.element))
             if kind == "module" and fault.code != OPERATOR_CODE:
-                changes.append(ModuleReleased(name))
+                module, _, pe = fault.element.removeprefix("module:").partition("@")
+                changes.append(ModuleReleased(module, pe or None))
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)

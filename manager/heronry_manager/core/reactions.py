@@ -59,9 +59,9 @@ class Reactions:
                     self._replanning.fly(target)
                 case TargetReleased():
                     self._replanning.release()
-                case ModuleReleased(module):  # pragma: no branch - nothing else is left
+                case ModuleReleased(module, pe):  # pragma: no branch - nothing else is left
                     if self._claim.is_active:
-                        self._known.deployment.stopped(module)
+                        self._known.deployment.stopped(module, pe)
 
     def fail(self, pe: str, cause: str) -> None:
         """Fail a PE although it sends, for this cause."""

@@ -6,7 +6,7 @@ Two passes over the spec, both exact:
 every other possible mode runs. The pass finds the greatest such set, because feedback is legal: two modules that feed
 each other are possible together.
 
-*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), a branch of a
+*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), an end of a
 wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5). The candidates
 contain every legal configuration. Sums (resources, traffic) are not checked here: the solver does that.
 """

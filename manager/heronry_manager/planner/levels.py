@@ -177,12 +177,12 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield for each DEMUX the least points that its stopped branches lose; a module may be a branch of several."""
+    """Yield for each DEMUX the least points that its stopped branches and ends lose; a module counts once."""
     counted: set[str] = set()
-    for demux in possible.spec.demuxes.values():
-        points = [most[branch] for branch in demux.branches if branch in most and branch not in counted]
+    for rivals in (group for demux in possible.spec.demuxes.values() for group in demux.exclusives.values()):
+        points = [most[module] for module in rivals if module in most and module not in counted]
         yield sum(points) - max(points, default=0)
-        counted.update(demux.branches)
+        counted.update(rivals)
 
 
 def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
@@ -208,7 +208,7 @@ def _branches(possible: Candidates, placing: Placing) -> Level:
         7,
         Kind.SUPPLYING,
         (
-            [(placing.runs[branch], -i) for i, branch in enumerate(demux.branches) if branch in placing.runs]
+            [(placing.runs[end], -i) for i, end in enumerate(demux.ends) if end in placing.runs]
             for demux in possible.spec.demuxes.values()
         ),
     )

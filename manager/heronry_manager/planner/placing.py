@@ -4,7 +4,8 @@ One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and 
 sum with one term uses the variable of that term.
 
 The rules of docs/semantics.md, section 3, that this part of the model ensures: semantics rules 1 (place: an impossible
-host has no variable), 4 (at most one branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
+host has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8
+(placement rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -51,7 +52,8 @@ class Choice:
 
     def _one_branch(self) -> None:
         for demux in self.possible.spec.demuxes.values():
-            self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
+            for rivals in demux.exclusives.values():
+                self._model.add_at_most_one(self.runs[module] for module in rivals if module in self.runs)
 
     def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
         """Limit the demand of these modes, and of the code of these modules, to the resources of some PEs together."""

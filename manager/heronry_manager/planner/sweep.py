@@ -28,7 +28,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.losses import lost_of, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, placement
-from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.situation import Situation, Survivors, places, survivors
 from heronry_manager.planner.candidates import Candidates, candidates
 
 Phase = str | None
@@ -37,11 +37,15 @@ FaultSet = frozenset[str]
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases."""
+    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
+
+    places: where single faults count, also each module of a phase's fault-free plan on the PE where that plan runs it.
+    """
 
     elements: tuple[str, ...]
     faults: int
     phases: tuple[Phase, ...]
+    places: bool = False
 
     def fault_sets(self) -> Iterator[FaultSet]:
         """Give all sets, the smaller ones first; sets of one size in the order of the elements."""
@@ -117,6 +121,21 @@ class Sweep:
                 self._settle(question.phase, question.down, outcome)
             for phase, down, twin in twins:
                 self._settle(phase, down, self.outcomes[phase, twin])
+        in_use = self._places_in_use()
+        for question, outcome in ask(1, in_use) if in_use else ():
+            self._settle(question.phase, question.down, outcome)
+
+    def _places_in_use(self) -> list[Question]:
+        """Give the questions about the places in use: a place that a plan uses always needs another plan."""
+        if not self._scope.places or not self._scope.faults:
+            return []
+        found = [
+            Question(phase, frozenset({place}), self.running(phase))
+            for phase in self._scope.phases
+            for place in places_in_use(self._spec, self.outcomes[phase, frozenset()].configuration)
+        ]
+        self.tally.searched += len(found)
+        return found
 
     def running(self, phase: Phase) -> Placement | None:
         """Give the placement in a phase without faults: its fault-free plan; None until that is known."""
@@ -168,6 +187,12 @@ class Sweep:
         self.outcomes[phase, down] = outcome
         if id(outcome) not in self._used:
             self._used[id(outcome)] = used_elements(self._spec, outcome.configuration)
+
+
+def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
+    """Give the places that a configuration uses: modules with a choice of PEs, each on its PE."""
+    used = ((name, f"module:{name}@{running.pe}") for name, running in configuration.modules.items())
+    return [place for name, place in used if place in places(spec, name)]
 
 
 def what_is_left(left: Survivors) -> object:

@@ -8,8 +8,11 @@ A catalogue that cannot be loaded does not affect the others, and is mentioned i
 
 import difflib
 import importlib
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
+from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points
 from typing import NamedTuple
 
@@ -44,6 +47,32 @@ def find_image(name: str) -> type[Module]:
             f"image '{name}': {module_name} has no class {class_name} derived from heronry_agent.module.Module"
         )
     return found
+
+
+def is_here(name: str) -> bool:
+    """Tell whether the file of an image's code is installed; nothing is imported, so the code may still be broken."""
+    target = name if ":" in name else _catalogues().images.get(name, "")
+    module, _, _ = target.partition(":")
+    path: Sequence[str] | None = None
+    parts = module.split(".")
+    for number in range(1, len(parts) + 1):
+        found = _spec_of(".".join(parts[:number]), path)
+        if found is None:
+            return False
+        path = found.submodule_search_locations
+        if path is None and number < len(parts):
+            return False
+    return True
+
+
+def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
+    """Find a module as an import would; what no finder understands does not exist."""
+    for finder in sys.meta_path:
+        with suppress(Exception):  # a finder is foreign code
+            spec = finder.find_spec(module, path)
+            if spec is not None:
+                return spec
+    return None
 
 
 class _Catalogues(NamedTuple):

@@ -184,7 +184,7 @@ def _make(spec: "Spec", file: Path) -> "Contingencies":
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
     count = questions(spec)
-    _say(f"planning {spec.name} ahead for every single fault, once ({count} plans)")
+    _say(f"planning {spec.name} ahead for every single fault, once ({count} plans, and those of places in use)")
     with crew(cpus() if count > _QUESTIONS_FOR_A_CREW else 1) as executor:
         return sweep_into(file, spec, _scope(spec), executor).made
 
@@ -195,4 +195,4 @@ def _scope(spec: "Spec") -> "Scope":
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415
 
-    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec))
+    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec), places=True)

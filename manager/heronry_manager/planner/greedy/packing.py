@@ -102,7 +102,7 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
         return sum((needed * scarce for needed, scarce in zip(needs[mode], scarcity, strict=True)), 0.0)
 
     def is_free(mode: int) -> bool:
-        return (tables.sizes.hosts[mode] & scene.pes).bit_count() > 1
+        return (scene.hosts[mode] & scene.pes).bit_count() > 1
 
     return sorted(modes, key=lambda mode: (is_free(mode), -size(mode)))
 

@@ -103,13 +103,13 @@ class Server:
         return False
 
     def _there(self, module: int, mode: int, pe: int) -> Iterator[int]:
-        if self._tables.sizes.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
+        if self._scene.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
         """Yield PEs on which a mode fits: the module's old PE, then the emptiest first, then one that was cleared."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
-        hosts = self._tables.sizes.hosts[mode] & self._scene.pes
+        hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
             yield home
         if self.adopting:
@@ -155,7 +155,7 @@ class Server:
     def _move_away(self, module: int, pe: int) -> bool:
         self._budget -= 1
         draft, mode = self.draft, self.draft.mode[module]
-        hosts = self._tables.sizes.hosts[mode] & self._scene.pes & ~(1 << pe)
+        hosts = self._scene.hosts[mode] & self._scene.pes & ~(1 << pe)
         cpu, need = draft.cpu, self._tables.sizes.cpu[mode]
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 

@@ -98,10 +98,11 @@ def _redundancy(subject: Subject, findings: Findings) -> None:
     """Check every DEMUX, XOR and voter."""
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
-        shared = dependence.of_branches(demux)
+        shared = dependence.of_ends(demux)
         if shared:
-            sentence = f"all branches of DEMUX '{demux.name}' are lost with {dependence.shown(shared)}"
-            hint = f"its branches are {listed(demux.branches)}"
+            what = "ends" if demux.to else "branches"
+            sentence = f"all {what} of DEMUX '{demux.name}' are lost with {dependence.shown(shared)}"
+            hint = f"its {what} are {listed(demux.ends)}"
             findings.add(rules.DEMUX_SHARES, subject.place("gates", demux.name), sentence, hint)
     for module in subject.spec.modules.values():
         for mode in module.modes.values():

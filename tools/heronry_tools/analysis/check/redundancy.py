@@ -43,13 +43,13 @@ class Dependence:
         named = [one for one in elements(spec) if one != hopeless and not one.startswith("channel:")]
         self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
 
-    def of_branches(self, demux: Demux) -> frozenset[str]:
-        """Elements without which no branch of a DEMUX can run, though its variable is given."""
-        branches = [self.spec.modules[name] for name in demux.branches]
-        if not all(self._healthy.can_run(branch) for branch in branches):
+    def of_ends(self, demux: Demux) -> frozenset[str]:
+        """Elements without which no end of a DEMUX can run, though its variable is given."""
+        ends = [self.spec.modules[name] for name in demux.ends]
+        if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
         demanded = Leaf(demux.variable, 1, self.spec.variables[demux.variable].versions, ())
-        unserved = self._where(lambda found: not any(found.can_run(branch) for branch in branches))
+        unserved = self._where(lambda found: not any(found.can_run(end) for end in ends))
         return unserved - self._where(lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:

@@ -75,7 +75,9 @@ class _Builder:
         demux = self.spec.demuxes[name]
         branches = [self.spec.modules[branch] for branch in demux.branches]
         dead, chosen = self.marks.demux_dead(demux), any(self.marks.running(branch) for branch in branches)
-        self._add(Node(f"demux:{name}", "demux", name, self._serves(name), dead=dead, chosen=chosen))
+        notes = [self._serves(name), f"to {', '.join(demux.to)}" if demux.to else ""]
+        note = "\n".join(note for note in notes if note)
+        self._add(Node(f"demux:{name}", "demux", name, note, dead=dead, chosen=chosen))
         source = f"variable:{demux.variable}"
         self.edges.append(Edge(source, f"demux:{name}", dead=dead, chosen=chosen))
 

@@ -42,9 +42,9 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether a DEMUX has no input, or no branch that can run."""
-        branches = (self.spec.modules[branch] for branch in demux.branches)
-        return self.variable_dead(demux.variable) or all(self.module_dead(branch) for branch in branches)
+        """Tell whether a DEMUX has no input, or no end that can run."""
+        ends = (self.spec.modules[end] for end in demux.ends)
+        return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
         """How a module runs; None if it does not."""

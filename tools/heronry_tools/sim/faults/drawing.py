@@ -145,7 +145,7 @@ def _rivals(spec: Spec) -> set[str]:
     """Give the PEs of each DEMUX that several PEs can drive."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
-        devices = (spec.modules[branch].device for branch in demux.branches)
+        devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))
         homes = {f"pe:{spec.devices[device].pe}" for device in devices if device is not None}
         rivals |= homes if len(homes) > 1 else set()
     return rivals

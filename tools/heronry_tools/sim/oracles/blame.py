@@ -10,8 +10,9 @@ A manager that did would plan without a healthy element, which `end_state` detec
 """
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
@@ -35,12 +36,7 @@ class BlameCheck(Oracle):
     def __init__(self, spec: Spec) -> None:
         """spec: its order of elements gives the indices in EMCYs."""
         super().__init__()
-        self._names = {
-            ElementKind.PE: tuple(spec.pes),
-            ElementKind.DEVICE: tuple(spec.devices),
-            ElementKind.MODULE: tuple(spec.modules),
-            ElementKind.BUS: tuple(spec.buses),
-        }
+        self._places = Places(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
@@ -60,8 +56,8 @@ class BlameCheck(Oracle):
 
     def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
         """Drop the report of an element that was down and has been cleared."""
-        if element in self._reported and element in truth.down:
-            self._cleared[element] = self._reported.pop(element)
+        for one in [one for one in self._reported if element in (one, module_of(one)) and _is_down(one, truth)]:
+            self._cleared[one] = self._reported.pop(one)
 
     def _reported_by(self, sent: Sent) -> tuple[str | None, int]:
         emergency = decode_emergency(sent.frame.data)
@@ -69,8 +65,8 @@ class BlameCheck(Oracle):
             return None, 0
         if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager assesses
             return None, 0
-        names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
-        return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail
+        element = self._places.reported(sent.sender, emergency)
+        return element or f"{emergency.kind.name.lower()}:{emergency.index}", emergency.detail
 
     @property
     def reported(self) -> dict[str, int]:
@@ -79,4 +75,9 @@ class BlameCheck(Oracle):
 
     def unfounded(self, truth: Situation) -> list[Violation]:
         """Give the reports of elements that are not down in `truth`."""
-        return [violation for element, violation in self._reported.items() if element not in truth.down]
+        return [violation for element, violation in self._reported.items() if not _is_down(element, truth)]
+
+
+def _is_down(element: str, truth: Situation) -> bool:
+    """Tell whether an element is down in `truth`, or the module of a place everywhere."""
+    return element in truth.down or module_of(element) in truth.down

@@ -29,8 +29,8 @@ from dataclasses import dataclass, replace
 from heronry_dg.model import Spec
 from heronry_manager.core.memory import EPOCHS, Memory
 from heronry_manager.shell.journal import recovered
-from heronry_tools.sim.oracles.commanded import elements_by_kind
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
     BY_OPERATOR,
@@ -67,7 +67,7 @@ class JournalCheck(Oracle):
     def __init__(self, spec: Spec, read: Read) -> None:
         super().__init__()
         self._read = read
-        self._names = elements_by_kind(spec)
+        self._places = Places(spec)
         self._phases, self._functions = list(spec.phases), list(spec.functions)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first; "": from a former disk
@@ -164,8 +164,8 @@ class JournalCheck(Oracle):
                 return self._priority(memory, message)
             case Control(_, _, Operation.HOLDS, ElementKind.SCRIPT, _):
                 pass  # a script ends with its mastership: no journal has it
-            case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
-                element = self._names[ElementKind(kind)][index]
+            case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, a, index):
+                element = self._places.told(a, index)
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
                     return [f"sends {operation.name} of {element}, but its journal latches {sorted(memory.latched)}"]
         return []

@@ -34,10 +34,10 @@ from typing import NamedTuple
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_manager.core.topology import radios, uplink_bus
 from heronry_tools.runtime.witness import Outage
-from heronry_tools.sim.oracles.commanded import Epoch, elements_by_kind
+from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.limits import (
     HOLD_DOWN_PERIODS,
     LEASE_PERIODS,
@@ -46,12 +46,13 @@ from heronry_tools.sim.oracles.limits import (
     START_UP_WINDOW_NS,
 )
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import critical_at_best
 from heronry_wire.frame import Malformed
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import Control, ElementKind, Emergency, ManagementMessage, Operation
+from heronry_wire.management import Control, Emergency, ManagementMessage, Operation
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
@@ -86,7 +87,7 @@ class ServiceCheck(Oracle):
         """
         super().__init__()
         self._spec = spec
-        self._elements = elements_by_kind(spec)
+        self._places = Places(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._held: list[_Held] = []
         self._missed_ns = missed_ns
@@ -112,19 +113,18 @@ class ServiceCheck(Oracle):
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """Note which PE reports a fault or withdraws its report."""
         if isinstance(message, Emergency):
-            for element in self._named(message.kind, message.index):
-                self._told_by[element] = pe
+            element = self._places.reported(pe, message)
+            if element is not None:
+                self._told_by |= dict.fromkeys((element, module_of(element)), pe)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
         """Note an acknowledgement: the manager treats the element as failed."""
         if not isinstance(message, Control):
             return
-        if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
-            for element in self._named(ElementKind(message.a), message.b):
+        if message.operation is Operation.ACKNOWLEDGE:
+            element = self._places.acknowledged(message.node, message.a, message.b)
+            if element is not None:
                 self.failed(t_ns, element)
-
-    def _named(self, kind: ElementKind, index: int) -> list[str]:
-        return self._elements.get(kind, [])[index : index + 1]
 
     def failed(self, t_ns: int, element: str) -> None:
         """Note that a manager treats an element as failed, from now on at the latest."""
@@ -135,8 +135,9 @@ class ServiceCheck(Oracle):
 
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
         """Note that an element was cleared; `everywhere`: no manager treats it as failed any more."""
+        self._places.cleared(element)
         for one in self._held:
-            if one.element == element and one.to_ns is None:
+            if element in (one.element, module_of(one.element)) and one.to_ns is None:
                 one.to_ns, one.is_certain = t_ns if everywhere else None, False
 
     @property

@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from heronry_dg.model import Mode, Spec
+from heronry_dg.situation import module_of
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import Expectation
@@ -84,7 +85,7 @@ class Evaluation:
                 active = [s for s in heard.states if s.page.epoch != NO_EPOCH]
                 return [(s.t_ns, s.page.epoch != old) for s in active], max(map(self._missed_ns, self._spec.pes))
             case _:
-                return [(t, element == one.subject) for t, element in heard.reports], None
+                return [(t, one.subject in (element, module_of(element))) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
         """Give when the last frame that contradicts an expectation was heard in its time; None if there is none."""

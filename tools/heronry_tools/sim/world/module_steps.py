@@ -103,13 +103,17 @@ class ModuleSteps:
         if self.stuck:
             self._hung[action.module] = (action, now_ns)
             return None
-        how = self._broken.get(self.names[action.module]) if self._broken else None
+        how = self._broken_as(self.names[action.module]) if self._broken else None
         if how is not None:
             return self._fail(action, how)
         answer = self._host.carry_out(action, self._time.now_ns())
         if self.slow is not None:
             self._processor.pause(self.slow.randrange(_SLOWEST_NS))
         return answer
+
+    def _broken_as(self, module: str) -> str | None:
+        """Give how a module fails, here or on each PE; None: it does not."""
+        return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
 
     def measure(self, action: MeasureStep) -> StepMeasured:
         """Give the time that a step has spent: its whole time if it hangs, else none."""

@@ -75,7 +75,7 @@ def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
 
 def plan_ahead(spec: Spec, faults: int) -> Contingencies:
     """Make a contingency for every set of up to `faults` faults in every phase, as `heronry contingencies` does."""
-    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
+    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,), places=True)
     return numbered(spec, scope, sweep(spec, scope, None))
 
 

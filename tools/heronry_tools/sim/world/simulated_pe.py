@@ -19,6 +19,7 @@ from heronry_agent.core.vocabulary import (
     Drive,
     EndPartition,
     Event,
+    ImagesMissing,
     Left,
     MeasureStep,
     ModuleEvent,
@@ -64,20 +65,22 @@ class SimulatedPe(Node):
         broken: Mapping[str, str],
         broke: Callable[[str], None],
         witness: Callable[[Copy], None],
+        lacks: frozenset[str] = frozenset(),
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
         drive: called with every step of a module that drives. look: called with some steps of other modules.
         move: called with every order to a device. witness: gets every copy of a frame on a replicated bus.
-        broken: by module, how it fails at its next step, or which phase it requests (ASKS).
-        broke: called when a module has failed.
+        broken: by module, or by NAME@PE, how it fails at its next step, or which phase it requests (ASKS).
+        broke: called when a module has failed. lacks: modules whose code is missing here.
         """
         super().__init__(clock, time)
         self.name = table.name
         self._move = move
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
-        missing = frozenset(self._host.missing_images)
+        self._images = {module.name: module.image for module in table.modules}
+        missing = frozenset(self._host.missing_images).union(self._images[module] for module in lacks)
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
@@ -103,6 +106,10 @@ class SimulatedPe(Node):
             self._ears[port].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
+
+    def lack(self, module: str) -> None:
+        """Let the code of a module turn out to be missing."""
+        self.give(ImagesMissing({self._images[module]: "the simulator took it away"}))
 
     def unstick(self) -> None:
         """Complete the steps that hang."""
