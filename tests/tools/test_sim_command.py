@@ -223,6 +223,11 @@ def test_a_module_without_code_cannot_be_simulated(tmp_path: Path, capsys: pytes
     assert "module state_estimator cannot be simulated" in capsys.readouterr().err
 
 
+def test_one_flight_ends_with_its_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "elevator_and_chute", "--seconds", "1", "--act", "0.2 crash pe:tail_pe"]) == 0
+    assert capsys.readouterr().out.endswith("\nthe flight passed: no oracle was violated\n")
+
+
 def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reached(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -71,6 +71,7 @@ from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import Send, require
 
+_MOST_NAMES = 4
 EVALUATED_AFTER_NS = 1_000_000_000
 
 
@@ -205,7 +206,7 @@ class RunningModules:
             case DriveFailed(module, reason):
                 self._failed(module, Failure(reason))
             case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
-                words = f"partition {partition} ended: {reason}"
+                words = f"partition {partition}{self._with_names(partition)} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def cannot_run(self, image: str, reason: str) -> str:
@@ -348,13 +349,21 @@ class RunningModules:
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
         """Handle the end of a partition: the culprit, or without one every module, has failed; the others restart."""
-        lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
-        for module in lived:
+        for module in self._lived(partition):
             if culprit in (None, module):
                 self._failed(module, Failure(reason), code)
             else:
                 self._halt(module)
                 self.restarts.begin_at(module, self._turn.now_ns)
+
+    def _lived(self, partition: str) -> list[int]:
+        return [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
+
+    def _with_names(self, partition: str) -> str:
+        """Name the modules that run in a partition: a reader of the reason does not know what ended with it."""
+        names = [self._index.modules[module].name for module in self._lived(partition)]
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
         """Give for each module the modules on this PE whose outputs it reads."""
