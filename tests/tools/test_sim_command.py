@@ -43,7 +43,7 @@ def raising(tmp_path: Path) -> Path:
 
 def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "1"]) == 0
-    head, *reconfigurations = capsys.readouterr().out.splitlines()
+    head, *reconfigurations, _ = capsys.readouterr().out.splitlines()
     assert head.startswith("seed 0: 0.5 crash pe:tail_pe (")
     assert len(reconfigurations) == 2
     assert all(name in reconfigurations[1] for name in ("detect", "decide", "distribute", "activate"))

@@ -60,7 +60,9 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
 
 
 def test_a_pe_that_was_failed_is_not_shown_as_if_it_flew(manager: OneManager) -> None:
-    line = next(line for line in told(manager, FailElement("pe:right")) if line.startswith("  right "))
+    told(manager, FailElement("pe:right"))
+    manager.pass_time(100 * MS)
+    (line,) = (line for line in told(manager) if line.startswith("  right "))
     assert line.startswith("  right        down       no plan uses it; it said last: ACTIVE in epoch 1")
 
 
