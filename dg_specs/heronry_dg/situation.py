@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from heronry_dg.model import Function, Module, Spec
-from heronry_wire.command_parser import close, meant
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
+from heronry_wire.spelling import close, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
@@ -187,7 +187,7 @@ def _what_was_meant(spec: Spec, text: str) -> str:
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    return f"no {kind} is named '{name}'; {meant(name, list(known))}"
+    return f"no {kind} is named '{name}'; {meant(name, known)}"
 
 
 @dataclass(frozen=True, slots=True)

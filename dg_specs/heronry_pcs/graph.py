@@ -17,8 +17,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from heronry_wire.command_parser import meant
 from heronry_wire.errors import HeronryError
+from heronry_wire.spelling import meant
 
 Edge = tuple[str, str]
 """Initial and terminal vertex: init(e) and ter(e) of the paper."""

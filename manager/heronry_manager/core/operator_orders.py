@@ -153,7 +153,7 @@ class OperatorOrders:
         return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _fly(self, target: Configuration | None, problem: str) -> Outcome:
-        """Ask for a target that is legal; refuse any other, with an event."""
+        """Take a target that is legal, and refuse any other with an event; `problem` says why there is none."""
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)

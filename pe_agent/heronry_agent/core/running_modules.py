@@ -210,14 +210,14 @@ class RunningModules:
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def cannot_run(self, image: str, reason: str) -> str:
-        """Keep why the code of an image cannot be imported as the failure of its modules; gives the plain reason."""
+        """Record why the code of an image cannot be imported, as the failure of its modules; gives the plain reason."""
         for entry in self._index.modules.values():
             if entry.image == image:
                 reason = self.failures.found(entry.index, Failure(reason))
         return reason
 
     def not_ready(self, event: NotReady) -> None:
-        """Make a module due now whose step was given back, so that it gets the present inputs."""
+        """Make a module due now whose step was not computed (NotReady): its next step gets present inputs."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
@@ -283,13 +283,13 @@ class RunningModules:
             self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager tells: rules of other phases may fire again."""
+        """Note the mission phase that the manager announces: rules of other phases may fire again."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send the requests and the faults again at the begin of a term: its manager may not know them.
+        """Send the requests and the faults again at the beginning of a term, because its manager may not know them.
 
-        A failed module whose fault was cleared, and that has not been started since, starts again.
+        A failed module starts again if its fault was cleared and the module has not been started since.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -348,7 +348,10 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Handle the end of a partition: the culprit, or without one every module, has failed; the others restart."""
+        """Handle the end of a partition: `culprit`, or without one every module of it, has failed.
+
+        The others restart.
+        """
         for module in self._lived(partition):
             if culprit in (None, module):
                 self._failed(module, Failure(reason), code)
@@ -385,7 +388,7 @@ class RunningModules:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
-        """Compute again what depends on the set of running modules."""
+        """Compute anew what depends on the set of running modules."""
         self.has_exclusive_output = any(
             r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
             for r in self._running.values()
@@ -429,7 +432,10 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Tell what is no fault, once a second at most; nobody acknowledges that. Tells whether it went out."""
+        """Report something that is no fault, once a second at most and without acknowledgement.
+
+        Tells whether it was sent.
+        """
         now_ns, index = self._turn.now_ns, running.entry.index
         if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:
             return False

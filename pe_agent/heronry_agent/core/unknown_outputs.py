@@ -4,10 +4,9 @@ The agent cannot publish such a value. If the agent only dropped it, the module 
 as served, while its readers never get the datum. So the module has failed, and the sentence names what it may give.
 """
 
-import difflib
-
 from heronry_wire.errors import HeronryError
 from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.spelling import close
 
 
 class UnknownOutputError(HeronryError, LookupError):
@@ -19,7 +18,7 @@ def expect_output(entry: ModuleEntry, variable: str) -> None:
     known = list(dict.fromkeys(name for mode in entry.modes for name in mode.gives))
     if variable in known:
         return
-    close = difflib.get_close_matches(variable, known, n=1)
-    meant = f"; did you mean '{close[0]}'?" if close else ""
+    found = close(variable, known)
+    meant = f"; did you mean '{found}'?" if found else ""
     has = f"the spec lets it give {', '.join(known)}" if known else "the spec lets it give nothing"
     raise UnknownOutputError(f"its step gives '{variable}'{meant} ({has})")

@@ -168,7 +168,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Run as a node without a table until a table comes, and give the table; None if the program was stopped before."""
+    """Run as a node without a table until a table comes, and give it; None if the program was stopped before that."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))

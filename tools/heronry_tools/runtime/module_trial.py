@@ -1,8 +1,9 @@
-"""Runs one module without a bus: built, and stepped some times with the same inputs, as its partition would.
+"""Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
 
 The code is that of a partition (`heronry_agent.shell.module_runner`), in this process. Time is the module's own: each
-step is one period after the one before, however long it takes here. What a partition would refuse to send is a failure,
-and so is code that has not ended after a limit of time: an agent kills the partition of a module that hangs.
+step is one period after the one before, however long it takes here. A value that a partition would refuse to send
+counts as a failure, and so does code that has not ended after a limit of time: an agent kills the partition of a module
+that hangs.
 """
 
 import signal
@@ -144,7 +145,7 @@ def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Val
 
 
 def read_value(text: str) -> Value:
-    """Read a value as a module gets it: a whole number, a number, whole numbers with commas between, or else a text."""
+    """Read a value as a module gets it: a whole number, a number, a list of whole numbers with commas, or a text."""
     for kind in (int, float):
         try:
             return kind(text)

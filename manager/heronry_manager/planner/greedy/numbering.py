@@ -1,6 +1,6 @@
-"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order; modes through all modules.
+"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order.
 
-A set of modules, modes or PEs is an integer with their bits.
+Modes are numbered from 0 through all modules. A set of modules, modes or PEs is an integer with one bit for each.
 """
 
 from collections.abc import Mapping

@@ -124,12 +124,6 @@ class Fleet:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
 
-    def fail_receiver(self, pe: str, duration_ns: int) -> None:
-        """Let a running PE's receiver fail for `duration_ns`; the PE goes on sending."""
-        node = self.running[pe]
-        node.wire(receive_failed=True)
-        self._clock.at(self._clock.now_ns + duration_ns, lambda: node.wire(receive_failed=False))
-
     def _table(self, pe: str) -> PeTable:
         table = self.tables[pe]
         return replace(table, spec_digest=_OTHER_DIGEST) if pe in self._stale else table

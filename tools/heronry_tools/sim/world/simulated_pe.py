@@ -1,8 +1,8 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
 Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at one moment, and the phase between their periods matters. `module_steps` models the time of steps,
-`pe_outbox` the sending of frames.
+switched on at one moment, so the periods of two PEs are shifted against each other, and the shift matters.
+`module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
