@@ -191,6 +191,7 @@ def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
     )
     manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    assert "left does not give the traceback" in manager.ask(AskTraceback("module:control@left")).sentence
     assert manager.ask(AskTraceback("module:drive_left")).sentence == (
         "no failure of module:drive_left is known to this manager: it knows one of module:control"
     )

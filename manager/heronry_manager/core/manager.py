@@ -32,7 +32,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
@@ -257,7 +257,7 @@ class ManagerCore:
         def answer(text: str | None, why_not: str) -> None:
             self._turn.ask(Reply(number, done=text is not None, sentence=why_not if text is None else text))
 
-        self._details.traceback(element, answer)
+        self._details.traceback(module_of(element), answer)
 
     def _driver_told(self, event: DriverEvent) -> None:
         match event:
