@@ -223,6 +223,17 @@ def test_the_story_tells_the_plan_of_the_epoch_that_runs_not_one_that_is_still_t
     assert any("servo_driver_1 stops" in line.text for line in lines)
 
 
+def test_standstills_in_a_row_are_one_line_until_a_pe_is_lost() -> None:
+    story = Story(ELEVATOR)
+
+    def stood(at_ms: int, for_ms: int, by: str = "nav") -> int:
+        return len(story.tell(event("stood_still", at_ms * MS, by=by, for_ns=for_ms * MS, times=1)))
+
+    assert [stood(0, 30), stood(100, 25), stood(200, 31), stood(300, 31), stood(300, 22, "tail_pe")] == [1, 0, 1, 0, 1]
+    story.tell(event("pe_lost", 400 * MS, pe="nav", cause="silent", last_heard_ns=0))
+    assert [stood(410, 22), stood(500, 22), stood(2410, 22)] == [1, 0, 1]
+
+
 def test_an_epoch_that_was_abandoned_has_a_line() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)

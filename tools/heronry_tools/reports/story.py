@@ -75,6 +75,7 @@ _PATHS: Mapping[str, str] = {  # by the state of a plant in control_paths
     "open": "open: nothing leads from a sensor that sees it to an actuator that moves it",
 }
 RUNS_KEPT = 5  # runs of the demo whose logs stay
+_WHILE_NS = 2_000_000_000
 _MOST_NAMES = 5  # of functions in one line
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
@@ -96,6 +97,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by whom -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -119,11 +121,7 @@ class Story:
             case "process":
                 yield from self._process(event)
             case "taken_over":
-                silent_ns = event["silent_ns"]
-                silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
-                killed_ns = self._manager_killed_ns
-                after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
-                yield Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
+                yield self._taken_over(event)
             case "pe_suspected" | "pe_answered" | "pe_lost":
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:
@@ -136,7 +134,7 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime":
+            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_news(event):
                 yield _TELLERS[kind](event)
             case "outage" | "outages" | "summary":
                 yield from self._witnessed(event)
@@ -157,12 +155,34 @@ class Story:
             case _:
                 pass
 
+    def _taken_over(self, event: Mapping[str, Any]) -> Line:
+        silent_ns, killed_ns = event["silent_ns"], self._manager_killed_ns
+        silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
+        after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
+        return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
+
+    def _is_news(self, event: Mapping[str, Any]) -> bool:
+        """Tell whether an event needs a line of its own, as all but some standstills do.
+
+        A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
+        last one of the same computer that was told, if that is a while ago, or if a PE was lost since: then the line
+        stands beside the loss, which may be its doing.
+        """
+        if event["event"] != "stood_still":
+            return True
+        told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
+        is_news = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
+        if is_news:
+            self._standstills[event["by"]] = event["t_ns"], event["for_ns"]
+        return bool(is_news)
+
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for a suspected PE only when it is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
             yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
+            self._standstills.clear()
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
             self._suspects.add(pe)
