@@ -9,7 +9,8 @@ space holds, under the name of each module, one leaf for each of its modes and p
              CPU (level 7); of several the first in the spec's order
     :PATH    of the input at the end of an edge, where the module has one input of that variable
 
-A script can tell an edge that is no wire, since it leads from an input or between two variables: `no_wires` lists them.
+A script can tell an edge that is no wire, since it leads from an input, between two variables, or to a module that the
+script has deleted: `no_wires` lists them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -128,6 +129,9 @@ def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Confi
     for start, end in sorted(graph.edges):
         (producer, _, variable), (consumer, _, port) = start.partition("."), end.partition(".")
         read, _, path = port.partition(":")
+        if producer not in modules or consumer not in modules:  # a deleted module's edge, which PruneEdges would drop
+            no_wires.append((start, end))
+            continue
         gives = spec.modules[producer].modes[modules[producer].mode].gives
         leaves = dict(spec.modules[consumer].modes[modules[consumer].mode].leaves())
         inputs = modules[consumer].inputs

@@ -231,7 +231,7 @@ def test_one_flight_ends_with_its_verdict(capsys: pytest.CaptureFixture[str]) ->
 def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reached(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    words = ["sim", "elevator_and_chute", "--runs", "3", "--seconds", "4"]
+    words = ["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1"]
     assert main(words) == 0
     alone = capsys.readouterr().out
     assert main([*words, "--jobs", "2"]) == 0
@@ -354,7 +354,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "sim",
         str(raising),
         "--seconds",
-        "2",
+        "1",
         "--loss",
         loss,
         "--foreseen",

@@ -1,7 +1,7 @@
 """`heronry pcs`: component graphs of polymorphic control, assessed, edited, cut, and rewired by scripts.
 
-Exit codes: 0 what was asked for holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
-With --json, what cannot be done is `{"error": ...}` under the name that docs/polymorphic.md gives it.
+Exit codes: 0 what was requested holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
+With --json, an operation that cannot be done gives `{"error": NAME}`, with the names of docs/polymorphic.md.
 """
 
 import argparse
@@ -232,7 +232,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """The graph that an operation gives, and the view that it leaves, if it is about one."""
+    """Give the graph that an operation makes; for an operation on a view also the view that results."""
     from heronry_pcs import operations, views  # noqa: PLC0415
 
     given: list[str] = arguments.arguments
@@ -297,7 +297,7 @@ def _compared(text: str, spec: str | None) -> "Graph":
 
 
 def run_apply(arguments: argparse.Namespace) -> int:
-    """Try a script, or fly it; returns 0 if it has no error, or holds; else 1."""
+    """Try a script, or fly it; returns 0 if the script has no error, or is held by the manager; else 1."""
     if arguments.live:
         return _fly(arguments)
     from heronry_pcs.graph_files import document  # noqa: PLC0415

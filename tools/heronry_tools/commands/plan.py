@@ -170,7 +170,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """Read what runs from a plan: a configuration if the plan has all of its wires, else the placement alone."""
+    """Read what runs from a plan: a configuration if the plan has all wires of it, else only the placement."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

@@ -220,14 +220,14 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether an oracle was violated; a given fault that was not injected is not enough."""
+    """Tell whether an oracle was violated; that a given fault was not injected does not count."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)
 
 
 def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":
-    """Look for a shorter flight that fails, too, and write it to a scenario file."""
+    """Search for a shorter flight that fails, too, and write it to a scenario file."""
     from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
     from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
 
