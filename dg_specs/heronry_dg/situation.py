@@ -23,10 +23,11 @@ from fractions import Fraction
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
-from heronry_wire.spelling import meant
+from heronry_wire.spelling import close, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
+_LIKENESS = 0.75  # of an element whose kind is misspelt: a name of another kind may be as like as 0.7
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
@@ -107,9 +108,7 @@ def checked_element(spec: Spec, element: str) -> str:
     """Return `element` if the spec has it; raises UnknownElementError otherwise."""
     kind, colon, name = element.partition(":")
     if not colon or kind not in _KINDS:
-        raise UnknownElementError(
-            f"'{element}' is not an element; write KIND:NAME with KIND one of {', '.join(_KINDS)}"
-        )
+        raise UnknownElementError(f"'{element}' is not an element; {_what_was_meant(spec, element)}")
     names: Iterable[str] = {
         "pe": spec.pes,
         "device": spec.devices,
@@ -178,6 +177,14 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
     if share > 1:
         raise UnknownElementError(f"'{text}' is more than the capacity there is; write at most 100%")
     return element, share
+
+
+def _what_was_meant(spec: Spec, text: str) -> str:
+    """Give the element that a text without a kind, or with a misspelt one, may mean; else how to write one."""
+    known = elements(spec)
+    alone = [element for element in known if element.partition(":")[2] == text]
+    found = alone[0] if alone else close(text, known, _LIKENESS)
+    return f"did you mean '{found}'?" if found else f"write KIND:NAME with KIND one of {', '.join(_KINDS)}"
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:

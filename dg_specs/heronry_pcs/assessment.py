@@ -75,5 +75,5 @@ def assess(
 
 def _member(model: Graph, name: str) -> frozenset[str]:
     if name not in model.members:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", model.members)
     return model.members[name].vertices

@@ -19,26 +19,32 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from heronry_wire.errors import HeronryError
+from heronry_wire.spelling import meant
 
 Edge = tuple[str, str]
 """Initial and terminal vertex: init(e) and ter(e) of the paper."""
 
 
 class PcsError(HeronryError, ValueError):
-    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`."""
+    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`.
 
-    def __init__(self, error: str) -> None:
+    is_unknown: the caller names what there is not; `known` has the names that there are, for "did you mean".
+    """
+
+    def __init__(self, error: str, known: Iterable[str] = ()) -> None:
         self.error = error
-        super().__init__(f"{error}: {_explained(error)}")
+        self.is_unknown = error.startswith("unknown:")
+        explained = _explained(error, known)
+        super().__init__(explained if self.is_unknown else f"{error}: {explained}")
 
 
-def _explained(error: str) -> str:
+def _explained(error: str, known: Iterable[str]) -> str:
     kind, _, name = error.partition(":")
     match kind:
         case "needs":
             return f"the graph is not {name}, which this needs"
         case "unknown":
-            return f"there is no '{name}' here"
+            return f"there is no '{name}' here; {meant(name, sorted(known))}"
         case "clash":
             return f"the name '{name}' stands for two different components"
         case _:

@@ -132,7 +132,7 @@ def _alone(graph: Graph, leaf: str) -> Graph:
 def _check_known(edge: Edge, space: frozenset[str]) -> None:
     for vertex in edge:
         if vertex not in space:
-            raise PcsError(f"unknown:{vertex}")
+            raise PcsError(f"unknown:{vertex}", space)
 
 
 def _in_one_member(graph: Graph, edge: Edge) -> bool:

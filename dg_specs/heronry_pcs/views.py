@@ -29,7 +29,7 @@ def check_view(model: Graph, view: Collection[str]) -> None:
     need(model, "component_graph", "whole", "nested")
     for name in sorted(view):
         if name not in model.members:
-            raise PcsError(f"unknown:{name}")
+            raise PcsError(f"unknown:{name}", model.members)
     vertices = _vertices(model, view)
     if sum(len(model.members[name].vertices) for name in view) != len(vertices) or vertices != model.vertices:
         raise PcsError("view")
@@ -66,7 +66,7 @@ def contract(
     if parts is not None:
         model = _with_composite(model, frozenset(view), name, frozenset(parts))
     if name not in model.members:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", model.members)
     component = model.members[name]
     replaced = frozenset(view) & component.components
     if name in view or _vertices(model, replaced) != component.vertices:
@@ -110,7 +110,7 @@ def expand(model: Graph, view: Collection[str], name: str) -> tuple[Graph, View]
     """
     check_view(model, view)
     if name not in view:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", view)
     member = model.members[name]
     if not member.components:
         raise PcsError("leaf")

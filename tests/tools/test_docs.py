@@ -68,7 +68,11 @@ RULES = [
     Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
-    Rule(r"heronry .*\bmy\.dg\.yaml.*", How.EXEMPT, "test_tutorial.py runs it, on what is written by then"),
+    Rule(
+        r"(heronry|sed) .*\b(my|own)\.dg\.yaml.*|heronry module try my_estimator:.*",
+        How.EXEMPT,
+        "test_tutorial.py runs it, on what is written by then; tests/live/test_demo.py flies it",
+    ),
     Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),

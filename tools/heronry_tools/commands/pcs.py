@@ -17,7 +17,7 @@ from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
 
 if TYPE_CHECKING:
     from heronry_pcs.assessment import Assessment
-    from heronry_pcs.graph import Edge, Graph
+    from heronry_pcs.graph import Edge, Graph, PcsError
     from heronry_tools.analysis.control.subject import Subject
 
 _EPILOG = """\
@@ -380,13 +380,13 @@ def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str]
     return assess(graph, view, path, longest_cycle)
 
 
-def _refused(error: Exception, arguments: argparse.Namespace) -> int:
-    """Say why something cannot be done."""
+def _refused(error: "PcsError", arguments: argparse.Namespace) -> int:
+    """Say why something cannot be done; returns 1, or 2 where a name was typed that the graph does not have."""
     if arguments.json:
-        print(json.dumps({"error": getattr(error, "error", str(error))}))
+        print(json.dumps({"error": error.error}))
     else:
         print(f"heronry: {error}", file=sys.stderr)
-    return 1
+    return 2 if error.is_unknown else 1
 
 
 def _save(graph: "Graph", file: Path) -> None:
