@@ -97,7 +97,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by whom -> when told, how long
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +134,7 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_news(event):
+            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_new(event):
                 yield _TELLERS[kind](event)
             case "outage" | "outages" | "summary":
                 yield from self._witnessed(event)
@@ -161,7 +161,7 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _is_news(self, event: Mapping[str, Any]) -> bool:
+    def _is_new(self, event: Mapping[str, Any]) -> bool:
         """Tell whether an event needs a line of its own, as all but some standstills do.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the

@@ -6,7 +6,7 @@ do anything when it is imported, so a process of its own does it:
     python -m heronry_tools.analysis.check.images FOLDER IMAGE ...
 
 It prints one line of JSON for each image: the image, and why it cannot be loaded, or null. If it ends or hangs in the
-middle, the image whose line is missing is to blame, and those after it are not judged.
+middle, the image whose line is missing is to blame, and those after it are not assessed.
 """
 
 import json
