@@ -97,7 +97,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # computer -> when told, how long
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +134,7 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._needs_a_line(event):
+            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_new(event):
                 yield _TELLERS[kind](event)
             case "outage" | "outages" | "summary":
                 yield from self._witnessed(event)
@@ -161,7 +161,7 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _needs_a_line(self, event: Mapping[str, Any]) -> bool:
+    def _is_new(self, event: Mapping[str, Any]) -> bool:
         """Tell whether an event needs a line of its own, as all but some standstills do.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
@@ -171,10 +171,10 @@ class Story:
         if event["event"] != "stood_still":
             return True
         told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
-        needs_a_line = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
-        if needs_a_line:
+        is_news = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
+        if is_news:
             self._standstills[event["by"]] = event["t_ns"], event["for_ns"]
-        return bool(needs_a_line)
+        return bool(is_news)
 
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for a suspected PE only when it is lost, since most suspected PEs answer."""
