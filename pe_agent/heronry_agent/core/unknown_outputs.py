@@ -13,7 +13,7 @@ from heronry_wire.spelling import close
 
 
 class UnknownOutputError(HeronryError, LookupError):
-    """A module gave an output that none of its modes has; the message names those that it has."""
+    """A module gave an output that none of its modes has; the message names the outputs that it may give."""
 
 
 def expect_outputs(entry: ModuleEntry, of_mode: Collection[str], given: Collection[str]) -> None:
