@@ -7,7 +7,7 @@ misspelt properties without a word, so every property that is written is asked f
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.fly.plant import STEPS_PER_S
@@ -17,6 +17,16 @@ _MODELS = Path(__file__).parent / "models"
 # WGS 84 at the equator, where the runway lies: metres per radian of latitude and of longitude
 _M_PER_RAD_NORTH = 6_335_439.3
 _M_PER_RAD_EAST = 6_378_137.0
+
+
+class Air(Protocol):
+    """The wind around an aircraft (`wind` has them)."""
+
+    def begin(self, model: "Model") -> None:
+        """Set up wind and turbulence before the first step."""
+
+    def step(self, model: "Model", height_m: float) -> None:
+        """Set the wind at the aircraft's height before each step."""
 
 
 class Model:
