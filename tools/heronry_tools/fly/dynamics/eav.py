@@ -2,7 +2,7 @@
 
 Devices, and the reading of each sensor (whole numbers, as such devices give them):
 
-    ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch, heading (mdeg), velocity north, east, up (mm/s)
+    ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch (mdeg), velocity north, east, up (mm/s)
     pitot_1, pitot_2         airspeed (m/s)
     differential_receiver    x, y, height (mm), good to decimetres until the corrections are lost, then as bad as `gps`
     gps                      x, y, height (mm), height with a bias of 3.5 to 7 m
@@ -51,7 +51,6 @@ _INERTIAL = (
     ("velocities/r-rad_sec", math.degrees(1000.0), 200.0, 50.0),
     ("attitude/phi-rad", math.degrees(1000.0), 150.0, 300.0),
     ("attitude/theta-rad", math.degrees(1000.0), 150.0, 300.0),
-    ("attitude/psi-rad", math.degrees(1000.0), 300.0, 700.0),
     ("velocities/v-north-fps", 1000.0 * M_PER_FT, 100.0, 80.0),
     ("velocities/v-east-fps", 1000.0 * M_PER_FT, 100.0, 80.0),
     ("velocities/v-down-fps", -1000.0 * M_PER_FT, 100.0, 80.0),
