@@ -8,7 +8,7 @@ boundary layer and the intensity of the turbulence. Below 1 000 ft, with the hei
     intensities   s_w = 0.1 W20, s_u = s_v = s_w / (0.177 + 0.000823 h)^0.4
 
 At 1 000 ft all three scales are 1 000 ft and all intensities 0.1 W20. From there the scales grow to 1 750 ft at
-2 000 ft and stay; the intensities fade with the height over the next kilometres, which stands for the standard's tables of
+2 000 ft and stay; the intensities fade with the height over the next kilometres, in place of the standard's tables of
 exceedance. The mean wind above the boundary layer is given by points, or stays as it is at 1 000 ft.
 
 The spectra: u is noise through one lag of L / V, v and w through a lag squared with a lead of sqrt(3) L / V. Both are
