@@ -56,7 +56,9 @@ class _ReceiverPosition(Module):
         for i, speed in enumerate(moving):
             self._held[i] += speed * period_s
             if fix is not None:
-                self._held[i] += (fix[i] + speed * _age_s(inputs, self.receiver) - self._held[i]) * period_s / _SETTLES_S
+                self._held[i] += (
+                    (fix[i] + speed * _age_s(inputs, self.receiver) - self._held[i]) * period_s / _SETTLES_S
+                )
         x, y, height = self._held
         return {"position_x": x, "position_y": y, "height": height}
 
@@ -106,7 +108,9 @@ class TrackedPosition(Module):
         state = self.filter.state
         return {"position_x": state[X], "position_y": state[Y], "height": state[H]}
 
-    def _use_fix(self, tracking: TrackingFilter, fix: tuple[float, ...], age_ns: int, moving: tuple[float, ...]) -> None:
+    def _use_fix(
+        self, tracking: TrackingFilter, fix: tuple[float, ...], age_ns: int, moving: tuple[float, ...]
+    ) -> None:
         is_new = age_ns < self._fix_age_ns or not self._fix_age_ns
         self._fix_age_ns = age_ns
         if is_new:

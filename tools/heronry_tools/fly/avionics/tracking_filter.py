@@ -141,8 +141,14 @@ class TrackingFilter:
         return math.atan2(up, flat) + self.state[BIAS_ELEVATION], row
 
     def _spread(self, row: list[float], noise: float) -> float:
-        return sum(a * sum(p * b for p, b in zip(line, row, strict=True))
-                   for a, line in zip(row, self.covariance, strict=True) if a) + noise
+        return (
+            sum(
+                a * sum(p * b for p, b in zip(line, row, strict=True))
+                for a, line in zip(row, self.covariance, strict=True)
+                if a
+            )
+            + noise
+        )
 
     def _use(self, row: list[float], error: float, noise: float) -> None:
         """Update state and covariance by one scalar measurement."""

@@ -91,9 +91,9 @@ class EavPlant:
         self._steps = 0
         self._failed: dict[str, tuple[Failure, Value | None, float]] = {}
         self._readings: dict[str, Value] = {}
-        surfaces = {
-            name: Surface(-limit, limit, _SURFACE_DEG_PER_S) for name, limit in FIRST_SURFACE_DEG.items()
-        } | {"throttle": Surface(0.0, 1.0, _THROTTLE_PER_S, _TRIM_THROTTLE, _TRIM_THROTTLE)}
+        surfaces = {name: Surface(-limit, limit, _SURFACE_DEG_PER_S) for name, limit in FIRST_SURFACE_DEG.items()} | {
+            "throttle": Surface(0.0, 1.0, _THROTTLE_PER_S, _TRIM_THROTTLE, _TRIM_THROTTLE)
+        }
         self.servos = Servos(surfaces, {f"{name}_{number}": name for name in surfaces for number in (1, 2)})
         self.head_rad, self._head_demand_rad = _HEAD_START_RAD, _HEAD_START_RAD
         self.camera = Camera(seed)
