@@ -56,6 +56,7 @@ _INERTIAL = (
     ("velocities/v-down-fps", -1000.0 * M_PER_FT, 100.0, 80.0),
 )
 _MRAD_TENTHS = 10_000.0
+_NEAR_GROUND_FT = 5.0
 
 
 class EavPlant:
@@ -70,13 +71,14 @@ class EavPlant:
         airspeed_m_per_s: float = 18.0,
         corrections_lost_s: float | None = None,
         perfect: bool = False,
+        watch: Callable[[Truth], None] | None = None,
     ) -> None:
         """start_m: x, y and height. corrections_lost_s: from when on the differential receiver is inaccurate.
 
-        perfect: all sensors but the camera without errors.
+        perfect: all sensors but the camera without errors. watch: gets the state after each step near the ground.
         """
         self._seed, self._air, self._perfect = seed, air, perfect
-        self._lost_s = corrections_lost_s
+        self._lost_s, self._watch = corrections_lost_s, watch
         self._model = Model("eav", seed=seed)
         x_m, y_m, height_m = start_m
         self._model.start(
@@ -190,6 +192,8 @@ class EavPlant:
         self._steps += 1
         self._move_head(dt_s)
         self._sample()
+        if self._watch is not None and fdm["position/h-agl-ft"] < _NEAR_GROUND_FT:
+            self._watch(self.truth())
 
     def _move_head(self, dt_s: float) -> None:
         most = _HEAD_RAD_PER_S * dt_s
@@ -270,6 +274,3 @@ def _shifted(value: Value, offset: float) -> Value:
     if isinstance(value, tuple):
         return tuple(item + round(offset) for item in value)
     return value + offset if isinstance(value, (int, float)) else value
-
-
-PlantMaker = Callable[[int], EavPlant]

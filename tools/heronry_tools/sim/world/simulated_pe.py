@@ -25,7 +25,7 @@ from heronry_agent.core.vocabulary import (
     StepModule,
 )
 from heronry_agent.shell.devices import Devices
-from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
@@ -57,7 +57,7 @@ class SimulatedPe(Node):
         *,
         incarnation: int,
         secret: Secret | None,
-        world: Plant,
+        world: PlantOfDevices,
         drive: Callable[[Driven], None],
         look: Callable[[Driven], None],
         move: Callable[[Moved], None],
