@@ -3,12 +3,11 @@
 Nothing passes the bus: sensors are read by modules on PEs, their data cross simulated buses as frames, and servos are
 driven by what the agents of the PEs authorize. The aircraft waits on final until the first configuration runs; there
 the time of the flight begins. Afterwards the plant steps whenever a device is read or moved, so equal missions give
-equal bits: `Flown.digest` covers every frame, and the state at the end.
+equal bits: `Landing.digest` covers every frame, and the state at the end.
 """
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any, cast
 
 from heronry_agent.module import Value
@@ -17,7 +16,8 @@ from heronry_manager.core.vocabulary import EnterPhase
 from heronry_tools.fly.avionics.flight_management import Stage
 from heronry_tools.fly.dynamics.eav import EavPlant
 from heronry_tools.fly.dynamics.moving_air import MovingAir
-from heronry_tools.fly.mission import Blow, Mission
+from heronry_tools.fly.mission import Blow, Landing, Mission
+from heronry_tools.fly.observation import LABELS, Observer
 from heronry_tools.fly.plant import NS_PER_S, Failure, FlightPlant
 from heronry_tools.fly.record import FlightRecord, Recorder
 from heronry_tools.sim.flight.simulation import Simulation
@@ -70,46 +70,31 @@ class ReleasedPlant:
         self.plant.heal(device)
 
 
-@dataclass(frozen=True, slots=True)
-class Flown:
-    """A flight that was flown: its record, its digest, whether it went around, and what broke the oracles' rules.
-
-    reconfigured_s: when each configuration was active. worst_height_error_m: of the position that steered, below 10 m.
-    """
-
-    mission: Mission
-    record: FlightRecord
-    digest: str
-    went_around: bool
-    virtual_s: float
-    reconfigured_s: tuple[float, ...]
-    worst_height_error_m: float | None
-    violations: tuple[str, ...]
-
-
 class EavFlight:
     """One flight while it is flown."""
 
     def __init__(self, spec: Spec, mission: Mission) -> None:
         self._spec, self._mission = spec, mission
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
-        self._released = ReleasedPlant(
-            EavPlant(
-                mission.seed,
-                air=MovingAir(mission.seed, mission.wind()),
-                corrections_lost_s=mission.corrections_lost_s,
-                watch=self._recorder.watch,
-            )
+        plant = EavPlant(
+            mission.seed,
+            air=MovingAir(mission.seed, mission.wind()),
+            corrections_lost_s=mission.corrections_lost_s,
+            watch=self._recorder.watch,
         )
+        self._released = ReleasedPlant(plant)
         absent = () if mission.has_rover else _ROVER
         self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent)
+        self._observer = Observer(self.simulation, plant)
         self._due = list(mission.blows)
+        self._places: dict[str, str] = {}  # by module: where the newest plan lets it run
         self._seen_events = 0
         self._went_around_ns: int | None = None
         self._reconfigured_s: list[float] = []
+        self._struck_s: float | None = None  # the first blow
         self._errors_m: list[float] = []
 
-    def fly(self) -> Flown:
+    def fly(self) -> tuple[Landing, FlightRecord]:
         """Fly to the end: the aircraft has rolled for a second, has gone around, or the time is over."""
         simulation = self.simulation
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
@@ -120,7 +105,7 @@ class EavFlight:
         while not self._is_over():
             simulation.run_for(_LOOK_NS)
             self._look()
-        return self._flown()
+        return self._landing(), self._recorder.finished()
 
     @property
     def _flown_ns(self) -> int:
@@ -138,8 +123,14 @@ class EavFlight:
         """Record the moment, and let happen what is due."""
         self._released.plant.advance(self._flown_ns)
         truth = self._released.plant.truth()
-        known = self._known()
+        known = self._observer.columns()
         self._recorder.sample(truth, known)
+        stage = self._observer.stage()
+        self._recorder.state(truth.time_s, "mode", "flight_management", stage)
+        if stage == LABELS[Stage.GO_AROUND] and self._went_around_ns is None:
+            self._went_around_ns = self._flown_ns
+            self._recorder.mark(truth.time_s, "refused", "the landing is refused: the aircraft goes around")
+        self._observer.weigh(truth)
         height = known.get("estimate_height_m")
         if height is not None and truth.height_m < 10.0 and self._recorder.touchdown is None:
             self._errors_m.append(abs(height - truth.height_m))
@@ -154,6 +145,7 @@ class EavFlight:
             by_time = blow.at_s is not None and self._flown_ns >= blow.at_s * NS_PER_S
             if by_time or (blow.below_m is not None and height_m < blow.below_m):
                 self._due.remove(blow)
+                self._struck_s = self._struck_s or self._flown_ns / NS_PER_S
                 self._recorder.mark(self._flown_ns / NS_PER_S, "fault", f"{blow.element} fails")
                 self._inject(blow)
 
@@ -169,15 +161,6 @@ class EavFlight:
         else:
             simulation.fail_device(name, cast("Failure", blow.how))
 
-    def _known(self) -> dict[str, float | None]:
-        """Give what the avionics hold: the position that steers, and the surfaces."""
-        heard = self._heard()
-        columns = {"estimate_x_m": "position_x", "estimate_y_m": "position_y", "estimate_height_m": "height"}
-        return {column: heard.get(variable) for column, variable in columns.items()}
-
-    def _heard(self) -> dict[str, float]:
-        return {}
-
     def _note_events(self) -> None:
         events = self.simulation.events
         for event in events[self._seen_events :]:
@@ -186,29 +169,43 @@ class EavFlight:
 
     def _note(self, event: dict[str, Any]) -> None:
         time_s = max(self._released.flown_ns(event["t_ns"]), 0) / NS_PER_S
-        if event["event"] == "reconfigured":
+        if event["event"] == "plan_ready":
+            self._places = _places(event["plan"])
+        elif event["event"] == "reconfigured":
             self._reconfigured_s.append(time_s)
-            self._recorder.mark(time_s, "reconfigured", f"epoch {event.get('epoch')} runs")
+            why = "; ".join(event["causes"]) if time_s > 0.0 else "start"
+            self._recorder.mark(time_s, "reconfigured", f"configuration {event['epoch']} runs ({why})")
+            for module in self._spec.modules:
+                self._recorder.state(time_s, "place", module, self._places.get(module))
 
-    def _flown(self) -> Flown:
-        simulation = self.simulation
-        digest = hashlib.sha256(f"{simulation.digest()} {self._released.plant.truth()!r}".encode()).hexdigest()[:16]
-        violations = tuple(map(str, simulation.broken())) if self._mission.judged else ()
-        return Flown(
+    def _landing(self) -> Landing:
+        simulation, observer = self.simulation, self._observer
+        state = f"{simulation.digest()} {self._released.plant.truth()!r}"
+        after = [t for t in self._reconfigured_s if self._struck_s is not None and t >= self._struck_s]
+        return Landing(
             self._mission,
-            self._recorder.finished(),
-            digest,
+            self._recorder.touchdown,
             self._went_around_ns is not None,
+            observer.mode(),
+            hashlib.sha256(state.encode()).hexdigest()[:16],
             self._flown_ns / NS_PER_S,
-            tuple(self._reconfigured_s),
+            after[0] - self._struck_s if after and self._struck_s is not None else None,
             max(self._errors_m, default=None),
-            violations,
+            tuple(total / observer.samples for total in observer.squares) if observer.samples else (),
+            tuple(map(str, simulation.broken())) if self._mission.judged else (),
         )
+
+
+def fly_landing(spec: Spec, mission: Mission) -> Landing:
+    """Fly a mission, and give what came of it, without the record."""
+    return EavFlight(spec, mission).fly()[0]
+
+
+def _places(plan: dict[str, Any]) -> dict[str, str]:
+    """Give PE and mode of each module that runs in a plan."""
+    return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
 
 
 def _title(mission: Mission) -> str:
     parts = ["with the rover" if mission.has_rover else "without the rover", *map(str, mission.blows)]
     return ", ".join(parts)
-
-
-STAGES = {int(stage): stage.name.lower().replace("_", " ") for stage in Stage}

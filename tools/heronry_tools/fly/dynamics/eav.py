@@ -4,9 +4,9 @@ Devices, and the reading of each sensor (whole numbers, as such devices give the
 
     ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch (mdeg), velocity north, east, up (mm/s)
     pitot_1, pitot_2         airspeed (m/s)
-    differential_receiver    x, y, height (mm), good to decimetres until the corrections are lost, then as bad as `gps`
+    differential_receiver    x, y, height (mm), good to decimetres until corrections are lost, then as bad as `gps`
     gps                      x, y, height (mm), height with a bias of 3.5 to 7 m
-    camera                   azimuth, elevation (0.1 mrad), age of the image (ms), its number; none before the first image
+    camera                   azimuth, elevation (0.1 mrad), age of the image (ms); empty before the first image
     head_encoder             azimuth, elevation (0.1 mrad) to which the head points
     elevator_sensor, aileron_sensor     angle of the surface (deg)
 
@@ -176,6 +176,10 @@ class EavPlant:
             load_factor_g=fdm["accelerations/Nz"],
             touching=touching,
         )
+
+    def slow_errors(self) -> tuple[float, ...]:
+        """Give the present biases of the receiver without corrections (x, y, height in m) and of the camera (rad)."""
+        return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
 
     # The world
 

@@ -24,6 +24,7 @@ from heronry_agent.core.vocabulary import (
     ModuleEvent,
     StepModule,
 )
+from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
 from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.world.bus import SimulatedBus
@@ -108,6 +109,11 @@ class SimulatedPe(Node):
         """Complete the steps that hang."""
         self.steps.unstick()
         self._wake()
+
+    def code(self, module: str) -> Module | None:
+        """Give the object of a module that runs here, for an observer that does not change it."""
+        found = next((index for index, name in self.steps.names.items() if name == module), None)
+        return None if found is None else self._host.code(found)
 
     def jump(self, ahead_ns: int) -> None:
         """Let the PE's clock jump ahead by `ahead_ns`."""
