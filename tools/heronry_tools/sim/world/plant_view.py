@@ -1,9 +1,9 @@
 """The one plant of a run, and the device drivers through which each PE reads and moves it.
 
 In flight every process has its own plant, which follows the others by their output echoes. The simulator is one process
-and has one plant, the scripted one or one with flight dynamics. That is more realistic: a surface stays where it is when
-its PE restarts, and a failed servo stays failed. The plant is read and moved at the true time, whatever a PE's clock
-shows.
+and has one plant: the scripted one, or one with flight dynamics. That is more realistic: a surface stays where it is
+when its PE restarts, and a failed servo stays failed. The plant is read and moved at the true time, whatever a PE's
+clock shows.
 """
 
 from collections.abc import Iterable
