@@ -218,9 +218,9 @@ class BigBluePlant:
         fdm["ic/h-sl-ft"] = (HOME_ALTITUDE_M + point.height_m + _CENTRE_ABOVE_SKIDS_M) / M_PER_FT
         if not point.hangs:
             fdm["ic/psi-true-deg"] = 270.0
-            fdm["ic/gamma-deg"] = -7.0
-            fdm["ic/ve-fps"] = 18.0 / M_PER_FT
             fdm["ic/vc-kts"] = 18.0 / 0.514444
+            fdm["ic/alpha-deg"] = 3.0
+            fdm["ic/gamma-deg"] = -7.0
         fdm.run_ic()
 
     def _tick(self) -> None:
