@@ -36,7 +36,7 @@ class Camera:
 
     def __init__(self, seed: int) -> None:
         self._chance = Random(f"{seed} camera")
-        self._bias_rad = tuple(self._chance.gauss(0.0, sigma) for sigma in _BIAS_RAD)
+        self.bias_rad = tuple(self._chance.gauss(0.0, sigma) for sigma in _BIAS_RAD)
         self._next_ns = self._chance.randrange(_PERIOD_NS[1])
         self._in_work: deque[tuple[int, int, tuple[float, float]]] = deque()  # known at, exposed at, angles
         self._result: tuple[int, tuple[float, float]] | None = None
@@ -59,7 +59,7 @@ class Camera:
     def _expose(self, now_ns: int, seen_rad: tuple[float, float], head_rad: tuple[float, float]) -> None:
         chance = self._chance
         delay_ns = chance.randint(*_DELAY_NS)
-        noise = [chance.gauss(0.0, _WHITE_RAD) + bias for bias in self._bias_rad]
+        noise = [chance.gauss(0.0, _WHITE_RAD) + bias for bias in self.bias_rad]
         lost, outlier, begins = (chance.random() for _ in range(3))
         if self._burst:
             self._burst -= 1

@@ -29,6 +29,11 @@ class SensorError:
         self._stir = drift * math.sqrt(1.0 - self._keep**2)
         self._drift = self._chance.gauss(0.0, drift) if drift else 0.0
 
+    @property
+    def slow(self) -> float:
+        """Bias and drift of the last sample, without its noise."""
+        return self.bias + self._drift
+
     def sample(self) -> float:
         """Give the error of the next sample."""
         if self._stir:

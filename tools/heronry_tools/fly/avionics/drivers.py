@@ -20,7 +20,6 @@ _INERTIAL = (
     "yaw_rate",
     "roll_angle",
     "pitch_angle",
-    "heading",
     "velocity_north",
     "velocity_east",
     "velocity_up",

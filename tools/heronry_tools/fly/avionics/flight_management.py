@@ -131,7 +131,8 @@ class FlightManagementSystem(Module):
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
-        self._management = FlightManagement()
+        self.management = FlightManagement()
+        self.known: Situation | None = None  # in the last step; None: something was missing
         self._mode = ctx.mode
 
     def mode_changed(self) -> bool:
@@ -143,15 +144,17 @@ class FlightManagementSystem(Module):
         """Publish commands; without position or velocity the last commands stand, as nothing is published."""
         x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
         north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
+        self.known = None
         if x is None or y is None or height is None or north is None or east is None:
             return {}
         ground_speed = math.hypot(north, east)
         airspeed = number(inputs, "airspeed")
         headwind = 0.0 if airspeed is None else airspeed - ground_speed
-        commands = self._management.step(Situation(x, y, height, ground_speed, headwind), mode=self._mode)
+        self.known = Situation(x, y, height, ground_speed, headwind)
+        commands = self.management.step(self.known, mode=self._mode)
         return {
             "vertical_speed_command": commands.vertical_speed_m_per_s,
             "course_command": commands.course_deg,
             "airspeed_command": commands.airspeed_m_per_s,
-            "landing_stage": int(self._management.stage),
+            "landing_stage": int(self.management.stage),
         }

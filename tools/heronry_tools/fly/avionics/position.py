@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_agent.parts.reading import number, numbers
-from heronry_tools.fly.avionics.tracking_filter import X, Y, H, TrackingFilter
+from heronry_tools.fly.avionics.tracking_filter import H, TrackingFilter, X, Y
 
 NS_PER_S = 1_000_000_000
 CAMERA_M = (100.0, 12.0, 0.3)  # where the rover stands: x, y, height of the camera less that of the aircraft's centre

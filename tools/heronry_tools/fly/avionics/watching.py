@@ -40,7 +40,7 @@ class AccuracyMonitor(Module):
         self._wrong = 0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare; publish 1 while the receiver is wrong."""
+        """Compare, and report."""
         moving, now_ns = velocity(inputs), self.ctx.now_ns
         fix = [number(inputs, f"differential_{axis}") for axis in ("x", "y", "height")]
         if moving is None:
@@ -52,7 +52,7 @@ class AccuracyMonitor(Module):
         self._age_ns = age_ns
         if self._wrong >= IN_A_ROW:
             self.ctx.report_failed("device:differential_receiver")
-        return {"accuracy_lost": int(self._wrong >= IN_A_ROW)}
+        return {}
 
     def _compare(self, now_ns: int, rest: tuple[float, ...]) -> None:
         while self._fixes and self._fixes[0][0] < now_ns - WINDOW_S * NS_PER_S:

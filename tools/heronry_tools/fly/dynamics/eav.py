@@ -2,11 +2,11 @@
 
 Devices, and the reading of each sensor (whole numbers, as such devices give them):
 
-    ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch, heading (mdeg), velocity north, east, up (mm/s)
+    ins_1, ins_2             roll, pitch and yaw rate (mdeg/s), roll, pitch (mdeg), velocity north, east, up (mm/s)
     pitot_1, pitot_2         airspeed (m/s)
-    differential_receiver    x, y, height (mm), good to decimetres until the corrections are lost, then as bad as `gps`
+    differential_receiver    x, y, height (mm), good to decimetres until corrections are lost, then as bad as `gps`
     gps                      x, y, height (mm), height with a bias of 3.5 to 7 m
-    camera                   azimuth, elevation (0.1 mrad), age of the image (ms), its number; none before the first image
+    camera                   azimuth, elevation (0.1 mrad), age of the image (ms); empty before the first image
     head_encoder             azimuth, elevation (0.1 mrad) to which the head points
     elevator_sensor, aileron_sensor     angle of the surface (deg)
 
@@ -51,12 +51,12 @@ _INERTIAL = (
     ("velocities/r-rad_sec", math.degrees(1000.0), 200.0, 50.0),
     ("attitude/phi-rad", math.degrees(1000.0), 150.0, 300.0),
     ("attitude/theta-rad", math.degrees(1000.0), 150.0, 300.0),
-    ("attitude/psi-rad", math.degrees(1000.0), 300.0, 700.0),
     ("velocities/v-north-fps", 1000.0 * M_PER_FT, 100.0, 80.0),
     ("velocities/v-east-fps", 1000.0 * M_PER_FT, 100.0, 80.0),
     ("velocities/v-down-fps", -1000.0 * M_PER_FT, 100.0, 80.0),
 )
 _MRAD_TENTHS = 10_000.0
+_NEAR_GROUND_FT = 5.0
 
 
 class EavPlant:
@@ -71,13 +71,14 @@ class EavPlant:
         airspeed_m_per_s: float = 18.0,
         corrections_lost_s: float | None = None,
         perfect: bool = False,
+        watch: Callable[[Truth], None] | None = None,
     ) -> None:
         """start_m: x, y and height. corrections_lost_s: from when on the differential receiver is inaccurate.
 
-        perfect: all sensors but the camera without errors.
+        perfect: all sensors but the camera without errors. watch: gets the state after each step near the ground.
         """
         self._seed, self._air, self._perfect = seed, air, perfect
-        self._lost_s = corrections_lost_s
+        self._lost_s, self._watch = corrections_lost_s, watch
         self._model = Model("eav", seed=seed)
         x_m, y_m, height_m = start_m
         self._model.start(
@@ -176,6 +177,10 @@ class EavPlant:
             touching=touching,
         )
 
+    def slow_errors(self) -> tuple[float, ...]:
+        """Give the present biases of the receiver without corrections (x, y, height in m) and of the camera (rad)."""
+        return *(self._errors[f"gps/{axis}"].slow for axis in "xyh"), *self.camera.bias_rad
+
     # The world
 
     def _step(self) -> None:
@@ -191,6 +196,8 @@ class EavPlant:
         self._steps += 1
         self._move_head(dt_s)
         self._sample()
+        if self._watch is not None and fdm["position/h-agl-ft"] < _NEAR_GROUND_FT:
+            self._watch(self.truth())
 
     def _move_head(self, dt_s: float) -> None:
         most = _HEAD_RAD_PER_S * dt_s
@@ -271,6 +278,3 @@ def _shifted(value: Value, offset: float) -> Value:
     if isinstance(value, tuple):
         return tuple(item + round(offset) for item in value)
     return value + offset if isinstance(value, (int, float)) else value
-
-
-PlantMaker = Callable[[int], EavPlant]

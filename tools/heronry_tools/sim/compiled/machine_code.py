@@ -54,7 +54,7 @@ _COMPILED = {
     "planning radio_links reactions reconfiguration replanning standing succession turn vocabulary",
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
     "imaging mission pilot_view recovery sensors servo_monitor telemetry wing",
-    "heronry_tools.aircraft.plant": "devices flight mechanism noise world",
+    "heronry_tools.aircraft.plant": "devices flight interface mechanism noise world",
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
     "heronry_tools.sim.oracles": "authenticity blame channels checks commanded configurations end_state epochs "
