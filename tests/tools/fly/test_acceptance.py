@@ -37,6 +37,13 @@ def test_an_aircraft_that_has_not_touched_the_ground_has_not_landed() -> None:
     assert causes(None) == ("not landed",)
 
 
+def test_a_landing_on_the_field_is_near_home_and_slow() -> None:
+    on_field = replace(GOOD, x_m=300.0, y_m=-400.0, sink_m_per_s=3.0, bank_deg=25.0, pitch_deg=-5.0)
+    assert causes(on_field, "field") == ()
+    assert causes(replace(on_field, x_m=301.0), "field") == ("far",)
+    assert causes(replace(on_field, sink_m_per_s=3.1, structure=("nose",)), "field") == ("structure", "sink")
+
+
 def test_every_cause_is_told_in_one_order() -> None:
     crash = replace(GOOD, x_m=-80.0, y_m=9.0, sink_m_per_s=5.0, bank_deg=40.0, pitch_deg=-20.0, structure=("tail",))
     assert causes(crash) == ("structure", "sink", "offset", "short", "bank", "nose low")

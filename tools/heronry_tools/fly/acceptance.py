@@ -12,16 +12,33 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-LARGEST_SINK_M_PER_S = 1.5
-LARGEST_OFFSET_M = 7.2  # from the centre line: half of a runway 14.4 m wide
-SHORTEST_M, LONGEST_M = -60.0, 90.0  # along the runway from the aim
-LARGEST_BANK_DEG = 10.0
-LEAST_PITCH_DEG, LARGEST_PITCH_DEG = 0.0, 14.0
-
-Cause = Literal["sink", "offset", "short", "long", "bank", "nose low", "nose high", "structure", "not landed"]
+Cause = Literal["sink", "offset", "short", "long", "far", "bank", "nose low", "nose high", "structure", "not landed"]
 CAUSES: tuple[Cause, ...] = (
-    "not landed", "structure", "sink", "offset", "short", "long", "bank", "nose low", "nose high",
+    "not landed", "structure", "sink", "far", "offset", "short", "long", "bank", "nose low", "nose high",
 )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Runway:
+    """The EAV's landing: on a runway 14.4 m wide, on its wheels; x from the aim, y from the centre line."""
+
+    sink_m_per_s: float = 1.5
+    offset_m: float = 7.2
+    along_m: tuple[float, float] = (-60.0, 90.0)
+    bank_deg: float = 10.0
+    pitch_deg: tuple[float, float] = (0.0, 14.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """BIG BLUE's landing: anywhere near home, slowly enough for its skids."""
+
+    distance_m: float = 500.0
+    sink_m_per_s: float = 3.0
+
+
+RUNWAY, FIELD = Runway(), Field()
+Site = Literal["runway", "field"]
 
 _Z_95 = 1.959963984540054  # of a normal distribution, 95 % lie within so many standard deviations
 
@@ -43,24 +60,36 @@ class Touchdown:
     structure: tuple[str, ...] = ()
 
 
-def causes(touchdown: Touchdown | None) -> tuple[Cause, ...]:
+def causes(touchdown: Touchdown | None, site: Site = "runway") -> tuple[Cause, ...]:
     """Give the criteria that a landing does not meet, in the order of `CAUSES`; none: it is acceptable.
 
     None: the aircraft has not touched the ground within its flight.
     """
     if touchdown is None:
         return ("not landed",)
-    unmet: dict[Cause, bool] = {
+    unmet = _unmet_on_runway(touchdown) if site == "runway" else _unmet_on_field(touchdown)
+    return tuple(cause for cause in CAUSES if unmet.get(cause))
+
+
+def _unmet_on_runway(touchdown: Touchdown) -> dict[Cause, bool]:
+    return {
         "structure": bool(touchdown.structure),
-        "sink": touchdown.sink_m_per_s > LARGEST_SINK_M_PER_S,
-        "offset": abs(touchdown.y_m) > LARGEST_OFFSET_M,
-        "short": touchdown.x_m < SHORTEST_M,
-        "long": touchdown.x_m > LONGEST_M,
-        "bank": abs(touchdown.bank_deg) > LARGEST_BANK_DEG,
-        "nose low": touchdown.pitch_deg < LEAST_PITCH_DEG,
-        "nose high": touchdown.pitch_deg > LARGEST_PITCH_DEG,
+        "sink": touchdown.sink_m_per_s > RUNWAY.sink_m_per_s,
+        "offset": abs(touchdown.y_m) > RUNWAY.offset_m,
+        "short": touchdown.x_m < RUNWAY.along_m[0],
+        "long": touchdown.x_m > RUNWAY.along_m[1],
+        "bank": abs(touchdown.bank_deg) > RUNWAY.bank_deg,
+        "nose low": touchdown.pitch_deg < RUNWAY.pitch_deg[0],
+        "nose high": touchdown.pitch_deg > RUNWAY.pitch_deg[1],
     }
-    return tuple(cause for cause, is_unmet in unmet.items() if is_unmet)
+
+
+def _unmet_on_field(touchdown: Touchdown) -> dict[Cause, bool]:
+    return {
+        "structure": bool(touchdown.structure),
+        "sink": touchdown.sink_m_per_s > FIELD.sink_m_per_s,
+        "far": math.hypot(touchdown.x_m, touchdown.y_m) > FIELD.distance_m,
+    }
 
 
 def interval(acceptable: int, runs: int) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
-from heronry_tools.fly.acceptance import Cause, Touchdown, causes
+from heronry_tools.fly.acceptance import Cause, Site, Touchdown, causes
 from heronry_tools.fly.plant import Truth
 
 FORMAT = 1
@@ -51,7 +51,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
-    """One flight; `spec` is the name of its spec, `title` what was special about it."""
+    """One flight; `spec` is the name of its spec, `title` what was special about it, `site` where it was to land."""
 
     spec: str
     title: str
@@ -60,11 +60,12 @@ class FlightRecord:
     stretches: tuple[Stretch, ...]
     marks: tuple[Mark, ...]
     touchdown: Touchdown | None
+    site: Site = "runway"
 
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Why the landing is not acceptable; empty if it is."""
-        return causes(self.touchdown)
+        return causes(self.touchdown, self.site)
 
     @property
     def times_s(self) -> tuple[float, ...]:
@@ -100,13 +101,15 @@ def _read(form: dict[str, Any]) -> FlightRecord:
         tuple(Stretch(**stretch) for stretch in form["stretches"]),
         tuple(Mark(**mark) for mark in form["marks"]),
         None if landed is None else Touchdown(**{**landed, "structure": tuple(landed["structure"])}),
+        form["site"],
     )
 
 
 class Recorder:
     """Writes the record of a flight while it is flown. Times do not fall."""
 
-    def __init__(self, spec: str, title: str, seed: int) -> None:
+    def __init__(self, spec: str, title: str, seed: int, site: Site = "runway") -> None:
+        self._site: Site = site
         self._spec, self._title, self._seed = spec, title, seed
         self._rows: list[Mapping[str, float | None]] = []
         self._states: dict[tuple[StretchKind, str], tuple[str, float]] = {}
@@ -160,7 +163,7 @@ class Recorder:
         columns = {name: tuple(row.get(name) for row in self._rows) for name in names or ("time_s",)}
         stretches = tuple(sorted(self._stretches, key=lambda s: (s.start_s, s.kind, s.subject)))
         marks = tuple(sorted(self._marks, key=lambda mark: mark.time_s))
-        return FlightRecord(self._spec, self._title, self._seed, columns, stretches, marks, self.touchdown)
+        return FlightRecord(self._spec, self._title, self._seed, columns, stretches, marks, self.touchdown, self._site)
 
     def _close(self, kind: StretchKind, subject: str, end_s: float) -> None:
         label, start_s = self._states.pop((kind, subject))
