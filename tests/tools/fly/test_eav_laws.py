@@ -86,6 +86,18 @@ def test_below_the_decision_height_the_landing_goes_on():
     assert management.stage is Stage.GLIDE_SLOPE
 
 
+def test_one_that_begins_below_the_decision_height_is_committed():
+    management = FlightManagement()
+    management.step(Situation(-60.0, 0.0, 4.0, 17.0, 0.0), mode="waiting")
+    assert management.stage is Stage.TRANSITION
+
+
+def test_one_that_begins_beyond_the_runway_goes_around():
+    management = FlightManagement()
+    management.step(Situation(60.0, 0.0, 25.0, 17.0, 0.0), mode="precise")
+    assert management.stage is Stage.GO_AROUND
+
+
 def test_a_landing_point_that_is_too_far_is_refused():
     management = FlightManagement()
     management.step(Situation(-150.0, 0.0, 15.0, 17.0, 0.0), mode="precise")
