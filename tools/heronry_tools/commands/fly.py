@@ -46,6 +46,7 @@ examples:
   heronry fly eav --without-rover --must-land          as it must end
   heronry fly eav --kill bus:radio@10m                 the radio dies below 10 m
   heronry fly eav --kill device:elevator_1=stuck@20    a servo sticks after 20 s
+  heronry fly eav --act '5 collapse bus:radio for 60 level 10'    the radio keeps a tenth of its bit rate
   heronry fly eav --runs 100 --jobs 0 --compiled       a campaign, with the interval of its share
   heronry fly eav --live                               in real time, each PE a process
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
@@ -76,6 +77,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--wind", type=float, default=7.7, metavar="M/S", help="strongest wind drawn (default: 7.7)")
     parser.add_argument(
         "--kill", action="append", default=[], metavar="ELEMENT@WHEN", help="a fault: see below; may be given again"
+    )
+    parser.add_argument(
+        "--act", action="append", default=[], metavar="ACT", help="a fault of 'heronry sim', by the time of the flight"
     )
     parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
     parser.add_argument("--judged", action="store_true", help="the oracles of 'heronry sim' look on")
@@ -115,7 +119,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.acceptance import interval  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "record")
+    unfit = ("compiled", "judged", "must_land", "record", "act")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
@@ -162,6 +166,7 @@ def _flown(spec: "Spec", drawn: "Drawn", arguments: argparse.Namespace) -> Itera
 def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
     from heronry_tools.fly.campaign import Drawn  # noqa: PLC0415
     from heronry_tools.fly.mission import Mission  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
     lost = None if arguments.corrections_lost == _NEVER else _seconds(arguments.corrections_lost, "--corrections-lost")
     if not 0.0 <= arguments.wind <= 15.0:
@@ -173,6 +178,7 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
         has_rover=not arguments.without_rover,
         must_land=arguments.must_land,
         blows=tuple(_blow(spec, text) for text in arguments.kill),
+        acts=tuple(read_fault(spec, text) for text in arguments.act),
         judged=arguments.judged,
     )
     return Drawn(mission, arguments.one_fault)

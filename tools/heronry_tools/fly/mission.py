@@ -6,6 +6,7 @@ from typing import Any
 
 from heronry_tools.fly.acceptance import Cause, Touchdown, causes
 from heronry_tools.fly.atmosphere import Wind
+from heronry_tools.sim.faults.fault import Fault
 
 STRONGEST_WIND_M_PER_S = 7.7  # of those that are drawn, at 20 ft
 WIDEST_WIND_DEG = 60.0  # from the runway's direction
@@ -33,8 +34,8 @@ class Blow:
 class Mission:
     """A flight of the EAV on final.
 
-    corrections_lost_s: when the differential receiver loses its accuracy; None: never. judged: what the oracles of the
-    simulator find is told.
+    corrections_lost_s: when the differential receiver loses its accuracy; None: never. acts: faults of
+    the simulator, with times from the begin of the flight. judged: what the oracles of the simulator find is told.
     """
 
     seed: int = 0
@@ -43,6 +44,7 @@ class Mission:
     has_rover: bool = True
     must_land: bool = False
     blows: tuple[Blow, ...] = ()
+    acts: tuple[Fault, ...] = ()
     judged: bool = False
     longest_s: float = 90.0
 
