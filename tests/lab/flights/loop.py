@@ -39,7 +39,7 @@ class _Context:
     """What an image sees of an agent."""
 
     plant: EavPlant
-    device: str | None = None
+    device: str = ""
     mode: str = "precise"
     module: str = ""
     period_ns: int = PERIOD_NS
@@ -65,10 +65,10 @@ class Loop:
         """delay_steps: periods between a demand and the servo, beyond the one of the loop. also: more images."""
         self.plant, self.now_ns = plant, 0
         self._data: dict[str, tuple[Value, int]] = {}
-        images = [*SENSORS, *SLOW_SENSORS, ("rover_camera", "camera"), (POSITION[position], None)]
-        images += [(law, None) for law in LAWS]
-        images += [*ACTUATORS, ("rover_tracking_head", None), ("rover_pan_tilt", "pan_tilt")]
-        images += [(image, None) for image in also]
+        images = [*SENSORS, *SLOW_SENSORS, ("rover_camera", "camera"), (POSITION[position], "")]
+        images += [(law, "") for law in LAWS]
+        images += [*ACTUATORS, ("rover_tracking_head", ""), ("rover_pan_tilt", "pan_tilt")]
+        images += [(image, "") for image in also]
         self.contexts = {image: _Context(plant, device) for image, device in images}
         self.modules: dict[str, Module] = {}
         for image, context in self.contexts.items():

@@ -5,13 +5,13 @@ Exit codes: 0 flown (whatever the landing was like); 1 an oracle was violated (-
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.number_arguments import flights, processors, whole_number
-from heronry_tools.console.output import add_json
+from heronry_tools.console.output import add_output
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.spec_argument import FLOWN, load_spec_file, spec_path
 from heronry_tools.console.whole_file import write_whole
@@ -83,10 +83,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
     parser.add_argument("--judged", action="store_true", help="the oracles of 'heronry sim' look on")
+    parser.add_argument("--latency", action="store_true", help="measure from sensor to servo, in still air")
     parser.add_argument("--live", action="store_true", help="in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")
     add_compiled_argument(parser)
-    add_json(parser, "write one JSON object per flight, and one for all")
+    add_output(parser, "write one JSON object per flight, and one for all")
     parser.set_defaults(run=run)
 
 
@@ -108,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(landing.document()) if arguments.json else _line(landing), flush=True)
         if len(landings) < arguments.runs:
             show_line(f"{len(landings)} of {arguments.runs} flights")
-    if arguments.json or len(landings) > 1:
+    if arguments.json or len(landings) > 1 or arguments.latency:
         figures = summary(landings)
         print(json.dumps(figures) if arguments.json else _figures(figures))
     return 1 if any(landing.violations for landing in landings) else 0
@@ -117,6 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_live(arguments: argparse.Namespace) -> int:
     """Fly every seed in real time, one after the other."""
     from heronry_tools.fly.acceptance import interval  # noqa: PLC0415
+    from heronry_tools.fly.campaign import quantiles  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
     unfit = ("compiled", "judged", "must_land", "record", "act")
@@ -134,11 +136,15 @@ def _run_live(arguments: argparse.Namespace) -> int:
         "acceptable": acceptable,
         "interval": [round(bound, 4) for bound in interval(acceptable, len(ends))],
         "stood_still": sum(end["stood_still"] for end in ends),
+        "latency_s": quantiles(sorted(ns / 1e9 for end in ends for ns in end["latencies_ns"]), 0.99),
     }
     if arguments.json:
         print(json.dumps(figures))
-    elif len(ends) > 1:
+        return 0
+    if len(ends) > 1:
         print(f"{acceptable} of {len(ends)} are acceptable; the computer stood still in {figures['stood_still']}")
+    if figures["latency_s"]:
+        print(_latency(figures["latency_s"]))
     return 0
 
 
@@ -180,6 +186,7 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
         blows=tuple(_blow(spec, text) for text in arguments.kill),
         acts=tuple(read_fault(spec, text) for text in arguments.act),
         judged=arguments.judged,
+        probed=arguments.latency,
     )
     return Drawn(mission, arguments.one_fault)
 
@@ -225,6 +232,11 @@ def _line(landing: "Landing") -> str:
     return f"{head}lands {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
 
 
+def _latency(quantiles: Sequence[float]) -> str:
+    middle, most = (1000.0 * value for value in quantiles)
+    return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"
+
+
 def _figures(figures: dict[str, Any]) -> str:
     low, high = figures["interval"]
     causes = ", ".join(f"{cause} {count}" for cause, count in figures["causes"].items()) or "none"
@@ -238,6 +250,8 @@ def _figures(figures: dict[str, Any]) -> str:
         lines.append("sink rate: median {:.2f} m/s, 95 % below {:.2f} m/s".format(*figures["sink_m_per_s"]))
     if figures["height_error_below_1_5_m"] is not None:
         lines.append(f"height error below 10 m stays below 1.5 m in {100 * figures['height_error_below_1_5_m']:.1f} %")
+    if figures["latency_s"]:
+        lines.append(_latency(figures["latency_s"]))
     if figures["reconfigured_after_s"]:
         middle, most = figures["reconfigured_after_s"]
         lines.append(f"reconfigured after a fault: median {middle:.3f} s, 99 % within {most:.3f} s")

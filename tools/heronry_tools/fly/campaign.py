@@ -55,10 +55,11 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
         "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
         "went_around": sum(landing.went_around for landing in landings),
         "kept": _kept(landings),
-        "sink_m_per_s": _quantiles(sinks, 0.95),
+        "sink_m_per_s": quantiles(sinks, 0.95),
         "height_error_below_1_5_m": round(sum(e < 1.5 for e in errors) / len(errors), 4) if errors else None,
         "nees": [round(sum(column) / len(filters), 3) for column in zip(*filters, strict=True)],
-        "reconfigured_after_s": _quantiles(after, 0.99),
+        "reconfigured_after_s": quantiles(after, 0.99),
+        "latency_s": quantiles(sorted(ns / 1e9 for one in landings for ns in one.latencies_ns), 0.99),
         "violations": sum(bool(landing.violations) for landing in landings),
     }
 
@@ -71,7 +72,7 @@ def _kept(landings: Sequence[Landing]) -> dict[str, Any]:
     return {"runs": len(kept), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
 
 
-def _quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
+def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
     """Give the median and a high quantile."""
     if not ordered:
         return None

@@ -14,8 +14,8 @@ from heronry_agent.module import Value
 from heronry_dg.model import Spec
 from heronry_manager.core.vocabulary import EnterPhase
 from heronry_tools.fly.avionics.flight_management import Stage
-from heronry_tools.fly.dynamics.eav import EavPlant
-from heronry_tools.fly.dynamics.moving_air import MovingAir
+from heronry_tools.fly.dynamics.on_final import eav_on_final
+from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.mission import Blow, Landing, Mission
 from heronry_tools.fly.observation import LABELS, Observer
 from heronry_tools.fly.plant import NS_PER_S, Failure, FlightPlant
@@ -77,12 +77,8 @@ class EavFlight:
     def __init__(self, spec: Spec, mission: Mission) -> None:
         self._spec, self._mission = spec, mission
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
-        plant = EavPlant(
-            mission.seed,
-            air=MovingAir(mission.seed, mission.wind()),
-            corrections_lost_s=mission.corrections_lost_s,
-            watch=self._recorder.watch,
-        )
+        self.probe = LatencyProbe() if mission.probed else None
+        plant = eav_on_final(mission, self._recorder, self.probe)
         self._released = ReleasedPlant(plant)
         absent = () if mission.has_rover else _ROVER
         self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent)
@@ -195,6 +191,7 @@ class EavFlight:
             max(self._errors_m, default=None),
             tuple(total / observer.samples for total in observer.squares) if observer.samples else (),
             tuple(map(str, simulation.broken())) if self._mission.judged else (),
+            () if self.probe is None else tuple(self.probe.latencies_ns),
         )
 
 

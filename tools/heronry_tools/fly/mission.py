@@ -36,6 +36,7 @@ class Mission:
 
     corrections_lost_s: when the differential receiver loses its accuracy; None: never. acts: faults of
     the simulator, with times from the begin of the flight. judged: what the oracles of the simulator find is told.
+    probed: the latency from sensor to servo is measured, in still air and with sensors without errors.
     """
 
     seed: int = 0
@@ -46,6 +47,7 @@ class Mission:
     blows: tuple[Blow, ...] = ()
     acts: tuple[Fault, ...] = ()
     judged: bool = False
+    probed: bool = False
     longest_s: float = 90.0
 
     def wind(self) -> Wind:
@@ -62,6 +64,7 @@ class Landing:
     aircraft at the end. reconfigured_after_s: from the first blow to the next active configuration; None without one.
     worst_height_error_m: of the height that steers, below 10 m. nees: of each state of the tracking filter, its mean
     squared error in units of its own variance; empty where no filter ran. violations: of the oracles.
+    latencies_ns: from sensor to servo, of a probed mission.
     """
 
     mission: Mission
@@ -74,6 +77,7 @@ class Landing:
     worst_height_error_m: float | None
     nees: tuple[float, ...]
     violations: tuple[str, ...]
+    latencies_ns: tuple[int, ...] = ()
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -97,4 +101,5 @@ class Landing:
             "flown_s": self.flown_s,
             "digest": self.digest,
             "violations": list(self.violations),
+            "latencies_ns": list(self.latencies_ns),
         }

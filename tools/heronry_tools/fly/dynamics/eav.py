@@ -23,6 +23,7 @@ from random import Random
 from heronry_agent.module import Value
 from heronry_tools.fly.camera import Camera, angles_rad
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
+from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Failure, Truth
 from heronry_tools.fly.sensors import SensorError
 from heronry_tools.fly.servos import Servos, Surface
@@ -59,6 +60,7 @@ _INERTIAL = (
     ("velocities/v-east-fps", 1000.0 * M_PER_FT, 100.0, 80.0),
     ("velocities/v-down-fps", -1000.0 * M_PER_FT, 100.0, 80.0),
 )
+_PITCH_RATE = 1  # its place in `_INERTIAL`
 _MRAD_TENTHS = 10_000.0
 _NEAR_GROUND_FT = 5.0
 
@@ -76,13 +78,15 @@ class EavPlant:
         corrections_lost_s: float | None = None,
         perfect: bool = False,
         watch: Callable[[Truth], None] | None = None,
+        probe: LatencyProbe | None = None,
     ) -> None:
         """start_m: x, y and height. corrections_lost_s: from when on the differential receiver is inaccurate.
 
         perfect: all sensors but the camera without errors. watch: gets the state after each step near the ground.
+        probe: steps the pitch rate that is measured.
         """
         self._seed, self._air, self._perfect = seed, air, perfect
-        self._lost_s, self._watch = corrections_lost_s, watch
+        self._lost_s, self._watch, self._probe = corrections_lost_s, watch, probe
         self._model = Model("eav", seed=seed)
         x_m, y_m, height_m = start_m
         self._model.start(
@@ -138,6 +142,8 @@ class EavPlant:
             return value
         if not isinstance(value, (int, float)):
             raise TypeError(f"{device} needs a number as its command, not {value!r}")
+        if self._probe is not None:
+            self._probe.commanded(device, value, now_ns)
         return self.servos.command(device, float(value)) if device in self.servos.pushes else value
 
     def make_safe(self, device: str, now_ns: int) -> None:
@@ -220,6 +226,8 @@ class EavPlant:
     def _sample_fast(self) -> None:
         fdm, error = self._model.fdm, self._error
         exact = [fdm[name] * factor for name, factor, _, _ in _INERTIAL]
+        if self._probe is not None:
+            exact[_PITCH_RATE] += 1000.0 * self._probe.offset_deg_per_s(self._steps * NS_PER_S // STEPS_PER_S)
         for unit in ("ins_1", "ins_2"):
             self._readings[unit] = tuple(round(value + error(f"{unit}/{i}")) for i, value in enumerate(exact))
         airspeed = fdm["velocities/vt-fps"] * M_PER_FT

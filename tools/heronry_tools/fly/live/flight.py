@@ -59,6 +59,7 @@ class _Plant:
             "wind": mission.strongest_wind_m_per_s,
             "corrections_lost_s": mission.corrections_lost_s,
             "longest_s": mission.longest_s,
+            "probed": mission.probed,
         }
         self._process = subprocess.Popen(
             [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(folder), json.dumps(form)],

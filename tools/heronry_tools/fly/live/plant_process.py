@@ -2,9 +2,10 @@
 
     python -m heronry_tools.fly.live.plant_process FOLDER MISSION
 
-MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s"}. The aircraft waits at its start until the
-first servo is driven. On standard output come JSON lines: `{"released_ns"}`, then at the end one with the touchdown and
-with how late the process was. On standard input it takes `{"fail": DEVICE, "how": HOW}`, and it ends when that ends.
+MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s", "probed"}. The aircraft waits at its start
+until the first servo is driven. On standard output come JSON lines: `{"released_ns"}`, then at the end one with the
+touchdown and with how late the process was. On standard input it takes `{"fail": DEVICE, "how": HOW}`, and it ends when
+that ends.
 """
 
 import json
@@ -18,8 +19,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from heronry_tools.fly.acceptance import causes
-from heronry_tools.fly.dynamics.eav import DEVICES, EavPlant
-from heronry_tools.fly.dynamics.moving_air import MovingAir
+from heronry_tools.fly.dynamics.eav import DEVICES
+from heronry_tools.fly.dynamics.on_final import eav_on_final
+from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.live.driver import COMMANDS, READINGS
 from heronry_tools.fly.live.shared_readings import Snapshot, Writer
 from heronry_tools.fly.mission import Mission
@@ -37,12 +39,8 @@ class PlantProcess:
     def __init__(self, folder: Path, mission: Mission) -> None:
         self._mission = mission
         self._recorder = Recorder("eav", "in real time", mission.seed)
-        self._plant = EavPlant(
-            mission.seed,
-            air=MovingAir(mission.seed, mission.wind()),
-            corrections_lost_s=mission.corrections_lost_s,
-            watch=self._recorder.watch,
-        )
+        self._probe = LatencyProbe() if mission.probed else None
+        self._plant = eav_on_final(mission, self._recorder, self._probe)
         self._origin_ns: int | None = None
         self._latest_ns = 0  # longest time between two rounds
         self._commands = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
@@ -111,6 +109,7 @@ class PlantProcess:
             "causes": list(causes(landed)),
             "touchdown": None if landed is None else asdict(landed),
             "longest_standstill_ms": round(self._latest_ns / 1e6, 1),
+            "latencies_ns": [] if self._probe is None else self._probe.latencies_ns,
             "stood_still": self._latest_ns > _STOOD_STILL_NS,
         }
 
@@ -127,6 +126,7 @@ def main() -> None:
         strongest_wind_m_per_s=form["wind"],
         corrections_lost_s=form["corrections_lost_s"],
         longest_s=form["longest_s"],
+        probed=form["probed"],
     )
     PlantProcess(Path(sys.argv[1]), mission).run()
 
