@@ -8,13 +8,13 @@ broken adds no finding.
 rules/ lists everything that can be wrong, each with its code.
 """
 
-import difflib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from heronry_dg.rules.rule import Rule, Severity
 from heronry_wire.errors import HeronryError, on_one_line
+from heronry_wire.spelling import close
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
@@ -104,7 +104,8 @@ class Findings:
             return None
         self._comparisons_left -= len(known)
         spelt = {one.lower(): one for one in known}
-        return next((spelt[found] for found in difflib.get_close_matches(name.lower(), spelt, n=1)), None)
+        found = close(name.lower(), spelt)
+        return None if found is None else spelt[found]
 
     def error(self) -> SpecError:
         """Give all findings as one error."""

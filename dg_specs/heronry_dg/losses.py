@@ -1,6 +1,7 @@
 """Which elements faults take out of use, and whether a configuration works without them.
 
-A configuration *uses* the modules that it runs, the PEs on which they run and the devices that they drive. Faults take
+A configuration *uses* the modules that it runs, the PEs on which they run (and so their places) and the devices that
+they drive. Faults take
 out of use the elements that they name, and others as a consequence: the devices of a dead PE are out of use, and a PE
 without a route to the manager's bus counts as down.
 
@@ -22,7 +23,7 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 
 def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
-    """PEs, devices and modules that a situation takes out of use, directly or as a consequence."""
+    """PEs, devices, modules and places that a situation takes out of use, directly or as a consequence."""
     return lost_of(survivors(spec, now))
 
 
@@ -31,14 +32,15 @@ def lost_of(left: Survivors) -> frozenset[str]:
     spec = left.spec
     pes = (f"pe:{pe}" for pe in spec.pes if pe not in left.pe_cpu_millis)
     devices = (f"device:{device}" for device in spec.devices if device not in left.devices)
-    return frozenset((*pes, *devices, *(f"module:{module}" for module in left.failed_modules)))
+    places = (f"module:{module}@{pe}" for module, pe in left.failed_places)
+    return frozenset((*pes, *devices, *(f"module:{module}" for module in left.failed_modules), *places))
 
 
 def used_elements(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """PEs, devices and modules that a configuration uses."""
+    """PEs, devices, modules and places that a configuration uses."""
     used = set[str]()
     for name, running in configuration.modules.items():
-        used.update((f"module:{name}", f"pe:{running.pe}"))
+        used.update((f"module:{name}", f"module:{name}@{running.pe}", f"pe:{running.pe}"))
         device = spec.modules[name].device
         if device is not None:
             used.add(f"device:{device}")

@@ -28,7 +28,7 @@ class Objective:
     utility: int  # sum of priority times value of served functions: more
     inputs: int  # sum of the worth of wired leaves: more
     changes: int  # modules whose (mode, PE) differs from the running ones: fewer
-    branches: int  # sum of the positions of running branches in their DEMUXes: fewer
+    branches: int  # sum of the positions of the ends that run, in their DEMUXes: fewer
     bus_mbit_per_s: int  # thousandths of a bit/s over all buses: fewer
     cpu_millis: int  # thousandths of a reference core: fewer
 
@@ -72,8 +72,8 @@ def score_among(
         branches=sum(
             position
             for demux in spec.demuxes.values()
-            for position, branch in enumerate(demux.branches)
-            if branch in configuration.modules
+            for position, end in enumerate(demux.ends)
+            if end in configuration.modules
         ),
         bus_mbit_per_s=sum(bus_loads_mbit_per_s(spec, published).values()),
         cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in configuration.modules),

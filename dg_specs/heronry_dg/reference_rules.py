@@ -151,6 +151,7 @@ class _ReferenceRules:
                     self._gives(mode, variable, version)
         for demux, demux_form in _whole(self._draft.demuxes):
             self._name(_value_place(demux, "demux"), "variable", demux_form.demux, self._draft.variables)
+            self._names(demux, "to", demux_form.to, "module", self._draft.modules)
 
     def functions(self) -> None:
         """Check that the outputs and phases that functions name exist."""

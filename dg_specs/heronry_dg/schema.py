@@ -356,6 +356,11 @@ class DemuxForm(Form):
     """A gate of which at most one branch runs; its branches are the modules whose `needs` name it."""
 
     demux: str = Field(description="Variable that the running branch consumes.", examples=["elevator_demand"])
+    to: Names = Field(
+        default=[],
+        description="Modules at which the branches end, one of each, the preferred first; the branches if left out.",
+        examples=[["driver_1", "driver_2"]],
+    )
 
 
 class HeaderForm(Form):

@@ -21,7 +21,8 @@ there are two kinds of transitions:
                  exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
                  reached by wire, since a radio is slow. All other PEs change over when the command reaches them
 
-A silent PE that drove a DEMUX adds a third step: the new branch is held until the old one has certainly stopped.
+A silent PE that drove a DEMUX adds a third step: the new branch (or end of `to`) is held until the old one has
+certainly stopped.
 
 The load of a mixture on a bus is bounded from above: each PE is in its worst state, and each gateway forwards what it
 forwards in any of its states. The bound is exact unless gateways change over too. Semantics rule 9 is not checked for
@@ -124,7 +125,7 @@ class Transitions:
             for outward in pe.buses
             if inward != outward
         }
-        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._things = spec.exclusive_things()
 
     def transition(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
         """Find a transition; see the function of this name."""
@@ -217,23 +218,23 @@ class Transitions:
 
         DEMUXes that a silent PE may drive.
         """
-        branch_on = {self._demux_of[m]: pe for m, (_, pe) in wanted.items() if m in self._demux_of}
+        driver_on = {thing: pe for m, (_, pe) in wanted.items() for thing in self._things.get(m, ())}
         reasons: dict[str, tuple[str, ...]] = {}
-        hold = []
+        hold = set[str]()
         for module, (_, pe) in runs.items():
-            demux = self._demux_of.get(module)
+            lost = [thing for thing in self._things.get(module, ()) if driver_on.get(thing, pe) != pe]
             moved_to = wanted[module][1] if module in wanted else pe
-            if demux is not None and branch_on.get(demux, pe) != pe:
-                if pe not in left.pe_cpu_millis:
-                    hold.append(demux)
-                    continue
-                why = f"{module} gives {demux} up to {branch_on[demux]}"
+            if lost and pe not in left.pe_cpu_millis:
+                hold.update(lost)
+                continue
+            if lost:
+                why = f"{module} gives {lost[0]} up to {driver_on[lost[0]]}"
             elif moved_to != pe and pe in left.pe_cpu_millis:
                 why = f"{module} moves to {moved_to}"
             else:
                 continue
             reasons[pe] = (*reasons.get(pe, ()), why)
-        return reasons, tuple(demux for demux in self._spec.demuxes if demux in hold)
+        return reasons, tuple(d.name for d in self._spec.demuxes.values() if not hold.isdisjoint(d.exclusives))
 
     def _interrupted(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Iterator[str]:
         runs, wanted = placement(before), placement(after)

@@ -3,10 +3,11 @@
 The verifier uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the
 configuration. A violation names the rule as number and sub-rule (`7.cpu`), the place, and the mistake in one sentence.
 
-    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
+    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed,
+                 failed_there
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
     3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
-    4 demux      branches (more than one runs), wired (a branch is not)
+    4 demux      branches, ends (more than one runs), wired (a branch is not)
     5 purpose    idle
     6 cycles     cycle (of wires none of whose variables has an initial value)
     7 resources  cpu, ram, flash, bus
@@ -133,6 +134,10 @@ def _place(case: _Case) -> Iterator[Violation]:
         where = f"module {name}"
         if name in case.left.failed_modules:
             yield Violation("1.failed", where, "it has failed and must not run")
+        elif f"module:{name}@{running.pe}" in case.now.down:
+            yield Violation(
+                "1.failed_there", where, f"it cannot run on {running.pe}: it failed there, or lacks its code"
+            )
         if running.pe not in case.spec.pes:
             yield Violation("1.pe", where, f"the spec has no PE named '{running.pe}'")
             continue
@@ -262,6 +267,9 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
         running = [branch for branch in demux.branches if branch in case.known.modules]
         if len(running) > 1:
             yield Violation("4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one may")
+        ended = [end for end in demux.to if end in case.known.modules]
+        if len(ended) > 1 and len(running) < 2:  # else it is a consequence
+            yield Violation("4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one end may")
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
             if not any(path in case.known.modules[branch].inputs for path in paths):

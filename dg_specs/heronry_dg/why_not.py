@@ -142,9 +142,17 @@ def _homeless(found: Feasible, module: Module) -> str:
         if f"device:{module.device}" in found.now.down:
             return f"needs device {module.device}, which is down"
         return f"needs device {module.device} on {homes[0]}, which {_pe_cause(found, homes[0])}"
+    if any((module.name, pe) in found.left.failed_places for pe in homes):
+        return f"cannot run anywhere: {', '.join(f'{pe} {_place_cause(found, module, pe)}' for pe in homes)}"
     if len(homes) == 1:
         return f"may run on {homes[0]} only, which {_pe_cause(found, homes[0])}"
     return f"may run only on PEs that are gone: {', '.join(f'{pe} {_pe_cause(found, pe)}' for pe in homes)}"
+
+
+def _place_cause(found: Feasible, module: Module, pe: str) -> str:
+    if (module.name, pe) in found.left.failed_places:
+        return "is out for it"
+    return _pe_cause(found, pe)
 
 
 def _pe_cause(found: Feasible, pe: str) -> str:

@@ -14,6 +14,8 @@ import socket
 import subprocess
 import sys
 import termios
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = [sys.executable, str(ROOT / "tools" / "with-vcan")]
 HOST_HAS_VCAN = Path("/sys/class/net/vcan0").exists()
+PATIENCE_S = 60.0
 CAN_BE_HAD = HOST_HAS_VCAN or shutil.which("apt-get") is not None
 # candump does not say when it has begun to listen
 UNTIL_CANDUMP_SAW = "candump -n 1 -L any & while kill -0 $! 2>/dev/null; do {}; done; wait"
@@ -54,6 +57,16 @@ def processes_that_mention(text: str) -> list[str]:
             continue
         if text.encode() in command_line and process.name != str(os.getpid()):
             found.append(process.name)
+    return found
+
+
+def processes_in(folder: Path) -> list[str]:
+    """Processes that work in a folder, as all of a guest's do, whatever they call themselves."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if (process / "cwd").readlink() == folder:
+                found.append(process.name)
     return found
 
 
@@ -202,6 +215,25 @@ def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_p
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(str(tmp_path)) == []
     assert interface_names() == interfaces
+
+
+@user_mode_only
+def test_killed_it_leaves_no_process(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*WITH_VCAN, "sh", "-c", "sleep 1000 & echo running; wait"],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        assert process.stdout.readline() == b"running\n"
+        process.kill()
+        process.wait(60)
+    (folder,) = tmp_path.iterdir()
+    until_s = time.monotonic() + PATIENCE_S
+    while left := processes_in(folder):
+        assert time.monotonic() < until_s, left
+        time.sleep(0.02)
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ class Flown:
     def settle(self, now: Situation, running: Placement) -> None:
         """Let this run until every question ahead is planned."""
         assert self.processes.take(Settled(now, running)) == []
-        while self.policy.is_pre_planning:
+        while self.processes.next_deadline_ns() is not None:
             assert self.wait() == []
 
     def wait(self) -> list[PlanReady | PlanFailed]:
@@ -177,7 +177,7 @@ def test_a_pre_planner_that_hangs_is_replaced_and_goes_on_with_the_next_question
         monkeypatch.setattr(planner_processes, "AHEAD_NS", 1_000_000)
         assert flown.processes.take(Settled(Situation(), RUNNING)) == []
         monkeypatch.undo()
-        while flown.policy.is_pre_planning:
+        while flown.processes.next_deadline_ns() is not None:
             sleep(0.01)
             assert flown.processes.poll() == []
         assert pre_planner.process_id != stopped

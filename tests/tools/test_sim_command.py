@@ -175,7 +175,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
 ) -> None:
     assert main(["sim", str(raising), "--kill", "pe:tail_pe@2", "--seed", "4", "--seconds", "3"]) == 1
     out = capsys.readouterr().out.splitlines()
-    assert any("VIOLATION" in line and "module:state_estimator is reported" in line for line in out)
+    assert any("VIOLATION" in line and "module:state_estimator@tail_pe is reported" in line for line in out)
     assert out[-1] == f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --act '2 crash pe:tail_pe'"
 
 
@@ -299,9 +299,9 @@ def test_a_failing_flight_is_shrunk_to_the_faults_that_matter(
     head = capsys.readouterr().out.splitlines()[0]
     assert head.count("doubled") == 1
     (file,) = tmp_path.glob("*.scenario")
-    assert "module:state_estimator is reported" in file.read_text()
+    assert "module:state_estimator@tail_pe is reported" in file.read_text()
     assert main(["scenario", str(file)]) == 1
-    assert "module:state_estimator is reported" in capsys.readouterr().out
+    assert "module:state_estimator@tail_pe is reported" in capsys.readouterr().out
     assert main(["scenario", str(file), "-i", "softbus"]) == 2
     assert "no 'expect' in this file" in capsys.readouterr().err
 

@@ -17,7 +17,8 @@ from importlib import import_module
 from heronry_tools.command_table import COMMANDS, GROUPS
 from heronry_tools.console.errors import UserError, exit_code
 from heronry_tools.console.output import run_into_its_file, settled
-from heronry_wire.command_parser import CommandParser, close, program_version
+from heronry_wire.command_parser import CommandParser, program_version
+from heronry_wire.spelling import close, meant
 
 _FIRST = """\
 Graceful degradation for CAN-bus avionics: plan, deploy, observe and test.
@@ -72,8 +73,7 @@ def _expect_command(name: str) -> None:
         remedy = f"did you mean {found}?" if found else f"the command comes first: heronry COMMAND {name}"
         raise UserError(f"there is no option {name} before a command; {remedy}")
     if name not in COMMANDS:
-        found = close(name, COMMANDS)
-        remedy = f"did you mean '{found}'?" if found else "'heronry --help' lists all commands"
+        remedy = meant(name, COMMANDS, "'heronry --help' lists all commands")
         raise UserError(f"there is no command '{name}'; {remedy}")
 
 

@@ -48,7 +48,7 @@ class _Wiring:
     """Who could produce and read each variable, over all modes of all modules; results are cached."""
 
     def __init__(self, spec: Spec) -> None:
-        self.demux_of = {name: demux.name for demux in spec.demuxes.values() for name in demux.branches}
+        self.demux_of = {name: things[0] for name, things in spec.exclusive_things().items()}
         self.givers: dict[str, dict[int, list[str]]] = {}  # variable -> version -> modules
         self._reads: dict[str, list[_Accepted]] = {}
         self._gives: dict[str, list[_Datum]] = {}
@@ -69,7 +69,7 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Modules that could be wired to a leaf; the branches of a DEMUX count as one, since only one of them runs."""
+        """Modules that could be wired to a leaf; the branches, or ends, of a DEMUX count as one: only one runs."""
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -235,7 +235,7 @@ class _Possible:
             leaf.accepts(mode.gives.get(leaf.variable, 0)) for mode in self.module.modes.values()
         ):
             return groups
-        return groups - {own}  # without other branches of this module's DEMUX: they do not run together
+        return groups - {own}  # without other branches, or ends, of this module's DEMUX: they do not run together
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:

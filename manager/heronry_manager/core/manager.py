@@ -1,6 +1,7 @@
 """The manager's core: frames, time, plans and orders in; frames, requests for plans, events and records out.
 
-This file decides nothing itself: it says only which part acts, and in which order. No clock, socket, solver or file.
+This file decides nothing itself: it only calls the parts that act, in the right order. It uses no clock, socket, solver
+or file.
 
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
@@ -23,8 +24,8 @@ After each event, in this order: a standby manager takes over, if no manager is 
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
 driver gives it the frames first.
 
-After a restart: a new term, then the normal start, with all that is remembered (`memory`, kept by the driver in
-the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
+After a restart a new term begins, and then the normal start, with all that is remembered (`memory`, which the driver
+keeps in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
 """
 
 from typing import Any
@@ -218,7 +219,7 @@ class ManagerCore:
             self._details.reader.tick(now_ns)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
-        """Execute an operator's order; before the start of a term only the status is given."""
+        """Execute an operator's order; before the start of a term only the order for the status is executed."""
         if isinstance(said.order, AskStatus):
             return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
         if isinstance(said.order, AskTraceback):
@@ -240,7 +241,7 @@ class ManagerCore:
         return Reply(number, outcome.done, outcome.sentence)
 
     def _status_for_operator(self) -> dict[str, Any]:
-        """Give the status, and read the standstills of the PEs anew, for the next one."""
+        """Give the status, and read the standstills of the PEs, which the next status will show."""
         for pe in self._settings.spec.pes:
             if self._known.health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)

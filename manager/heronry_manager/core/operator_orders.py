@@ -135,13 +135,13 @@ class OperatorOrders:
         if changes is None:
             sentence = f"no fault is latched on {element}, and it is not in quarantine: see 'heronry status'"
             return Outcome(False, sentence)
-        place = self._known.situation.failed.place(element)
-        told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
+        named = self._known.situation.failed.field(element)
+        told = None if named is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
         return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _fly(self, target: Configuration | None, problem: str) -> Outcome:
-        """Ask for a target that is legal; refuse any other, with an event."""
+        """Take a target that is legal, and refuse any other with an event; `problem` says why there is none."""
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)

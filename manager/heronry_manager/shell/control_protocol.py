@@ -35,7 +35,10 @@ LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
 @dataclass(frozen=True, slots=True)
 class FlyScript:
-    """The operator orders to fly a script of component graphs; `script_orders` makes its target of it."""
+    """The operator orders the target of a script of component graphs.
+
+    `script_orders` computes the target from the text.
+    """
 
     text: str
 

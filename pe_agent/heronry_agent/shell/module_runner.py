@@ -10,8 +10,8 @@ other process, and turns an exception of a module into a `Failure`. A module is
 
 A second `start` of a module that runs builds it anew.
 
-A failure names the exception, its message, and file and line. The line is in the module's own file, if a frame of the
-traceback is: when a library raises, the author of the module looks for the call first.
+A failure names the exception, its message, and file and line. If the traceback has a frame in the module's own file,
+the line is that of this frame: when a library raises an exception, the author first looks for the call of the library.
 """
 
 import sys
@@ -197,7 +197,7 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception of foreign code; `file` is the file of the module's class, if that is known."""
+    """Describe an exception of a module or driver; `file` is the file of the module's class, if that is known."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
@@ -209,7 +209,7 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Give file and line of the innermost frame in the module's own file, or else of the innermost foreign frame."""
+    """Give file and line of the innermost frame in the module's own file, or else outside heronry."""
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]

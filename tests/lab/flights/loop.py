@@ -52,20 +52,23 @@ class _Context:
     def write(self, value: Value) -> None:
         self.plant.write(self.device, value, self.now_ns)
 
-    def report_failed(self, element: str, detail: int = 0) -> None:
+    def report_failed(self, element: str, detail: int = 0) -> None:  # noqa: ARG002
         self.reported.add(element)
 
 
 class Loop:
     """One flight."""
 
-    def __init__(self, plant: EavPlant, position: str = "filter", *, delay_steps: int = 0) -> None:
-        """delay_steps: periods between a demand and the servo, beyond the one of the loop."""
+    def __init__(
+        self, plant: EavPlant, position: str = "filter", *, delay_steps: int = 0, also: tuple[str, ...] = ()
+    ) -> None:
+        """delay_steps: periods between a demand and the servo, beyond the one of the loop. also: more images."""
         self.plant, self.now_ns = plant, 0
         self._data: dict[str, tuple[Value, int]] = {}
         images = [*SENSORS, *SLOW_SENSORS, ("rover_camera", "camera"), (POSITION[position], None)]
         images += [(law, None) for law in LAWS]
         images += [*ACTUATORS, ("rover_tracking_head", None), ("rover_pan_tilt", "pan_tilt")]
+        images += [(image, None) for image in also]
         self.contexts = {image: _Context(plant, device) for image, device in images}
         self.modules: dict[str, Module] = {}
         for image, context in self.contexts.items():

@@ -33,9 +33,9 @@ A landing is acceptable with a sink rate of at most 1.5 m/s, within 7.2 m of the
 a bank of at most 10 degrees, a pitch of 0 to 14 degrees, and if wheels alone touch the ground. Where the plan has no
 position that is good enough, the flight management goes around; with --must-land it lands all the same.
 
-A fault is ELEMENT@WHEN: an element is pe:NAME, bus:NAME or device:NAME (with =dead, =stuck or =loose), WHEN is seconds
-of the flight, or a height (10m) below which it happens. Wind is drawn by the seed, up to 7.7 m/s at 20 ft and 60 degrees
-from the runway's direction, with turbulence. One seed is one flight, to the bit: the digest tells.
+A fault is ELEMENT@WHEN: an element is pe:NAME, bus:NAME or device:NAME (with =dead, =stuck, =bias or =loose), WHEN is
+seconds of the flight, or a height (10m) below which it happens. Wind is drawn by the seed, up to 7.7 m/s at 20 ft and
+60 degrees from the runway's direction, with turbulence. One seed is one flight, to the bit: the digest tells.
 
 Exit codes: 0 flown, whatever the landing was like; 1 an oracle was violated (--judged); 2 the input cannot be used;
 130 and 143 ended by Ctrl-C and by SIGTERM.
@@ -182,9 +182,10 @@ def _line(landing: "Landing") -> str:
 def _figures(figures: dict[str, Any]) -> str:
     low, high = figures["interval"]
     causes = ", ".join(f"{cause} {count}" for cause, count in figures["causes"].items()) or "none"
+    share = 100 * figures["acceptable"] / figures["runs"]
+    interval = f"{share:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f}"
     lines = [
-        f"{figures['acceptable']} of {figures['runs']} landings are acceptable "
-        f"({100 * figures['acceptable'] / figures['runs']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f})",
+        f"{figures['acceptable']} of {figures['runs']} landings are acceptable ({interval})",
         f"causes: {causes}; went around: {figures['went_around']}",
     ]
     if figures["sink_m_per_s"]:
@@ -192,7 +193,6 @@ def _figures(figures: dict[str, Any]) -> str:
     if figures["height_error_below_1_5_m"] is not None:
         lines.append(f"height error below 10 m stays below 1.5 m in {100 * figures['height_error_below_1_5_m']:.1f} %")
     if figures["reconfigured_after_s"]:
-        lines.append(
-            "reconfigured after a fault: median {:.3f} s, 99 % within {:.3f} s".format(*figures["reconfigured_after_s"])
-        )
+        middle, most = figures["reconfigured_after_s"]
+        lines.append(f"reconfigured after a fault: median {middle:.3f} s, 99 % within {most:.3f} s")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The manager that a command calls, --of NAME or --socket PATH, and how the command says what that manager answers."""
+"""The options --of NAME and --socket PATH, by which a command finds a manager, and the output of its answer."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ def manager_socket(arguments: argparse.Namespace) -> Path:
 
 
 def say_answer(arguments: argparse.Namespace, answer: "Answer") -> int:
-    """Say what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not."""
+    """Print what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not."""
     if arguments.json:
         print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
     elif answer.done:

@@ -1,9 +1,9 @@
 """Where the output of a command goes, and in which form: --json, --format and -o FILE, the same in every command.
 
-Text is for people, JSON for machines; where there are more forms, --format names them all. -o FILE takes what would be
-printed. The ending of FILE chooses the form where no option does: a plan in `plan.json` is JSON. A FILE with the ending
-of another form is refused, so that no picture named .png holds SVG. A file is written when the command has ended, whole
-or not at all (`whole_file`); a device or a pipe is written as it is.
+Text is for people, JSON for programs. If a command has more forms, --format names them all. -o FILE takes the output
+that would be printed. If no option chooses the form, the ending of FILE does: a plan in `plan.json` is JSON. A FILE
+with the ending of another form is refused, so that no picture named .png holds SVG. A file is written when the command
+has ended, whole or not at all (`whole_file`); output to a device or a pipe is written directly.
 """
 
 import argparse
@@ -94,9 +94,9 @@ def _form_of(file: Path, forms: Forms) -> str | None:
 
 
 def run_into_its_file(arguments: argparse.Namespace) -> int:
-    """Run a command, and put what it prints into the file of -o; where it fails, nothing is written. Returns its code.
+    """Run a command, and put what it prints into the file of -o; returns its exit code.
 
-    Codes 0 and 1 are answers; any other one, and an exception, leave FILE as it was.
+    Codes 0 and 1 are answers. With any other code, or an exception, nothing is written, and FILE stays as it was.
     """
     run: Callable[[argparse.Namespace], int] = arguments.run
     file: Path | None = getattr(arguments, "report_file", None)

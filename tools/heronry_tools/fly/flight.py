@@ -24,7 +24,7 @@ from heronry_tools.sim.flight.simulation import Simulation
 
 _LOOK_NS = 25_000_000
 _ROLLS_NS = 1 * NS_PER_S  # after the touchdown
-_GONE_NS = 15 * NS_PER_S  # after a go-around was begun
+_GONE_NS = 8 * NS_PER_S  # after a go-around was begun
 _LONGEST_START_NS = 5 * NS_PER_S
 _ROVER = ("rover", "vision")
 

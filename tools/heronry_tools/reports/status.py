@@ -1,4 +1,4 @@
-"""The status of a manager (`heronry_manager.core.status`) as text: what is wrong first, then what runs."""
+"""The status of a manager (`heronry_manager.core.status`) as text: problems first, then what runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

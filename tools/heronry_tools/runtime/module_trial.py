@@ -1,7 +1,8 @@
-"""Runs one module without a bus: built, and stepped some times with the same inputs, as its partition would.
+"""Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
 
 The code is that of a partition (`heronry_agent.shell.module_runner`), in this process. Time is the module's own: each
-step is one period after the one before, however long it takes here. What a partition would refuse to send is a failure.
+step is one period after the one before, however long it takes here. A value that a partition would refuse to send
+counts as a failure.
 """
 
 import sys
@@ -71,7 +72,7 @@ def expect_there(image: str) -> None:
 
 
 def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
-    """Build a module and step it; one that ends its process has failed, as on a PE."""
+    """Build a module and step it; a module that ends its process has failed, as on a PE."""
     trial = Trial()
     try:
         _try(trial, orders, inputs, reading, steps)
@@ -97,7 +98,7 @@ def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Val
 
 
 def read_value(text: str) -> Value:
-    """Read a value as a module gets it: a whole number, a number, whole numbers with commas between, or else a text."""
+    """Read a value as a module gets it: a whole number, a number, a list of whole numbers with commas, or a text."""
     for kind in (int, float):
         try:
             return kind(text)

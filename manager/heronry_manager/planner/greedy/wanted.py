@@ -85,7 +85,7 @@ class _Appraiser:
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
     def utility(self, function: Function, mode: int) -> int:
-        """Give the points that a mode adds to level 2 by serving a function; 0: it serves it not."""
+        """Give the points that a mode adds to level 2 by serving a function; 0: the mode does not serve it."""
         numbers, module = self._numbers, self._numbers.module_of[mode]
         if numbers.modules[module].name not in function.outputs:
             return 0

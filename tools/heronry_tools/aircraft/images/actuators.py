@@ -64,6 +64,24 @@ class ReportingElevatorServo(ElevatorServo):
     echo = "elevator_servo_command"
 
 
+class LimitedElevatorServo1(SurfaceServo):
+    """An elevator servo at the end of the first of three paths, which limits its demand."""
+
+    demand = "servo_demand_1"
+
+
+class LimitedElevatorServo2(SurfaceServo):
+    """The servo at the end of the second path."""
+
+    demand = "servo_demand_2"
+
+
+class LimitedElevatorServo3(SurfaceServo):
+    """The servo at the end of the third path."""
+
+    demand = "servo_demand_3"
+
+
 class RudderServo(SurfaceServo):
     """A rudder servo."""
 

@@ -59,6 +59,24 @@ class ElevatorLimiter(RateLimiter):
     most_per_s = 30.0
 
 
+class ElevatorLimiter1(ElevatorLimiter):
+    """The first of three paths to an elevator servo, each of which limits the demand for its own servo."""
+
+    output = "servo_demand_1"
+
+
+class ElevatorLimiter2(ElevatorLimiter):
+    """The second path."""
+
+    output = "servo_demand_2"
+
+
+class ElevatorLimiter3(ElevatorLimiter):
+    """The third path."""
+
+    output = "servo_demand_3"
+
+
 class PressureStuck(StuckSensorMonitor):
     """Monitors whether the barometer's reading is stuck."""
 

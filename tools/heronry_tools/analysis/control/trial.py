@@ -1,4 +1,4 @@
-"""A reconfiguration script tried on paper: on a graph, or on a plan, whose devices and plants follow."""
+"""A reconfiguration script, tried on a graph or on a plan without flying it; a plan's devices and plants follow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,10 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The graphs before and after a script, alike where it has errors; of a plan, what makes the result illegal."""
+    """The graphs before and after a script, equal where the script has errors.
+
+    For a plan also why the result is illegal.
+    """
 
     statements: int
     errors: Sequence[ScriptError]
@@ -24,7 +27,7 @@ class Trial:
 
 
 def try_script(text: str, subject: Subject) -> Trial:
-    """Apply a script to what a command works on."""
+    """Apply a script to the graph or plan of a command."""
     if subject.planned is not None:
         return _on_plan(text, subject.graph, subject.planned)
     outcome = interpret(text, subject.graph)

@@ -1,6 +1,7 @@
-"""What `heronry check` says of one spec and not of the other.
+"""Findings that `heronry check` has for one spec and not for the other.
 
-Two findings are the same when code and sentence are: lines move with every change, and a sentence names its elements.
+Two findings are the same when code and sentence are the same: lines move with every change, and a sentence names its
+elements.
 """
 
 from collections import Counter
@@ -32,7 +33,7 @@ def _assessed(name: str, data: bytes) -> Assessed:
 
 
 def _beyond(one: Assessed, other: Assessed) -> Assessed:
-    """Findings of one file that the other one has not."""
+    """Findings about one file that the other file does not have."""
     left = Counter(map(_said, other.findings))
     alone: list[Finding] = []
     for finding in one.findings:

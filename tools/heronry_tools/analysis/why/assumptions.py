@@ -36,7 +36,10 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions: those that explain least come first, elements that are down come last."""
+    """List all assumptions: those that explain least come first, elements that are down come last.
+
+    `reasons` relaxes them in this order.
+    """
     return list(_assumptions(question, goal))
 
 

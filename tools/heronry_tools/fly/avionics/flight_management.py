@@ -13,7 +13,8 @@ What it decides depends on its mode, that is on what the plan could supply. In `
 land (version 1). In `forced` there is no better one, and it lands all the same. In `waiting` it does not descend below
 `DECISION_M` with a position that is not good enough: it goes around; below that height it is committed, and lands.
 
-It does not know which sensor its position comes from. A restart loses the stage, which follows from height and mode.
+It does not know which sensor its position comes from. A restart loses the stage, which follows anew from height and
+position: one that begins below the decision height is committed as well.
 """
 
 import math
@@ -87,7 +88,7 @@ class FlightManagement:
         stage = self.stage
         if stage is Stage.GO_AROUND:
             return stage
-        may_land = mode != "waiting" or (now.height_m < DECISION_M and stage not in (Stage.START, Stage.APPROACH))
+        may_land = mode != "waiting" or now.height_m < DECISION_M
         if not may_land or self._is_too_long(now):
             return Stage.GO_AROUND
         if stage is Stage.FLARE or now.height_m <= FLARE_M:
@@ -99,7 +100,8 @@ class FlightManagement:
         return Stage.APPROACH
 
     def _is_too_long(self, now: Situation) -> bool:
-        return self.stage is Stage.GLIDE_SLOPE and now.height_m < DECISION_M and _landing_point_m(now) > _LONGEST_M
+        is_late = self.stage is Stage.START or (self.stage is Stage.GLIDE_SLOPE and now.height_m < DECISION_M)
+        return is_late and _landing_point_m(now) > _LONGEST_M
 
     def _vertical_speed(self, now: Situation) -> float:
         match self.stage:

@@ -2,7 +2,8 @@
 
 - `AccuracyMonitor`: a receiver's position must move as the velocity says. Where it is further than `MOST_M` from where
   a window of `WINDOW_S` of velocity brings it, three times in a row, the receiver has lost its corrections, and is
-  reported. It sees a loss that shows within the window; one that grows more slowly it does not see.
+  reported. It sees a loss that shows within the window; one that grows more slowly it does not see. In its first
+  window it only looks, as sensors that start at different times do not agree at once.
 - `SurfaceMonitor`: a surface must stand where its servo was commanded to, as fast as the servo moves. It reports the
   device of the servo that is driven, which the version of the command tells.
 - `TrackingHead`: points the camera to the aircraft that it sees, closing its own loop on the rover; without an image
@@ -21,10 +22,10 @@ NS_PER_S = 1_000_000_000
 WINDOW_S = 1.0
 MOST_M = 1.5
 IN_A_ROW = 3
-APART_DEG = 4.0
+APART_DEG = 3.0
 APART_FOR_S = 0.15
 _SERVO_DEG_PER_S = 300.0
-_LAG_S = 0.1  # between a command and the sight of its angle
+_LAG_PERIODS = 6  # between a command and the sight of its angle
 _APPROACH_TENTH_MRAD = (0, 800)
 _FORGETS_NS = 1_000_000_000
 
@@ -38,6 +39,7 @@ class AccuracyMonitor(Module):
         self._fixes: deque[tuple[int, tuple[float, ...]]] = deque()  # when, fix less the way flown until then
         self._age_ns = 0
         self._wrong = 0
+        self._looks_until_ns = ctx.now_ns + round(WINDOW_S * NS_PER_S)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compare, and report."""
@@ -47,7 +49,7 @@ class AccuracyMonitor(Module):
             return {}
         self._way = [way + speed * self.ctx.period_ns / NS_PER_S for way, speed in zip(self._way, moving, strict=True)]
         age_ns = inputs["differential_x"].age_ns if fix[0] is not None else 0
-        if None not in fix and age_ns <= self._age_ns:
+        if None not in fix and age_ns <= self._age_ns and now_ns > self._looks_until_ns:
             self._compare(now_ns, tuple((at or 0.0) - way for at, way in zip(fix, self._way, strict=True)))
         self._age_ns = age_ns
         if self._wrong >= IN_A_ROW:
@@ -72,26 +74,24 @@ class SurfaceMonitor(Module):
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
-        self._expected: float | None = None
-        self._version = 0
+        self._version = 0  # of the servo that is watched
+        self._expected: deque[float] = deque(maxlen=_LAG_PERIODS)  # where a healthy servo stood lately
         self._apart_s = 0.0
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compare the angle with that of a servo that follows its commands."""
+        """Compare the angle with those of a servo that follows its commands."""
         angle, command = number(inputs, f"{self.surface}_angle"), number(inputs, f"{self.surface}_command")
         if angle is None or command is None:
-            self._apart_s = 0.0
             return {}
         version, period_s = inputs[f"{self.surface}_command"].version, self.ctx.period_ns / NS_PER_S
-        if self._expected is None or version != self._version:
-            self._expected, self._version, self._apart_s = angle, version, -_LAG_S
-        most = _SERVO_DEG_PER_S * period_s
-        near = held(command - self._expected, APART_DEG)
-        self._expected += held(command - self._expected, most)
-        follows = abs(angle - self._expected) <= APART_DEG + abs(near) and abs(angle - command) <= APART_DEG * 2
-        self._apart_s = min(self._apart_s, 0.0) + period_s if follows else self._apart_s + period_s
-        if follows:
-            self._apart_s = min(self._apart_s, 0.0)
+        if version != self._version:
+            self._version, self._apart_s = version, 0.0
+            self._expected.clear()
+            self._expected.append(angle)
+        last = self._expected[-1]
+        self._expected.append(last + held(command - last, _SERVO_DEG_PER_S * period_s))
+        follows = min(self._expected) - APART_DEG <= angle <= max(self._expected) + APART_DEG
+        self._apart_s = 0.0 if follows else self._apart_s + period_s
         if self._apart_s > APART_FOR_S:
             self.ctx.report_failed(f"device:{self.surface}_{version}")
         return {}

@@ -1,13 +1,13 @@
 """The command socket of a client: one frame in the mailbox, and one answer to each command.
 
-What it decides: whether the next frame may be offered. The mailbox is full from the offer until the hub's
-`DONE` has been read, which happens when a caller sends, gives a command, or waits for the mailbox.
+The link decides whether the next frame may be offered. The mailbox is full from the offer until the hub's `DONE` has
+been read, which happens when a caller sends, gives a command, or waits for the mailbox.
 
-Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for it counts
-towards the caller's time-out. The time-out None waits for ever, 0 not at all.
+Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for the lock counts
+towards the caller's time-out. With the time-out None a call waits for ever, with 0 not at all.
 
-What if: the hub is gone (the socket ends) or refuses this client: CanOperationError with a sentence. The hub
-is stopped: offers time out, and a command does after some seconds.
+If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError with a sentence. If the hub
+is stopped, offers time out, and commands time out after some seconds.
 """
 
 import errno
@@ -64,7 +64,7 @@ class Link:
             return self._wait_for_mailbox(deadline_s)
 
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
-        """Send a command, with sockets to pass on, and return its answer; CanOperationError when none comes."""
+        """Send a command, with sockets to pass on, and return its answer; CanOperationError if no answer comes."""
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)

@@ -1,9 +1,9 @@
-"""Start a hub as a process of its own that never outlives the process that started it.
+"""Starts a hub as a process of its own that never outlives the process that started it.
 
-The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the
-pipe ends, and the hub with it. (The kernel's own "signal when my parent dies" is tied to the thread that
-started the hub, and is cleared by some execs; a pipe has neither trap.) A child that is forked here without
-exec inherits the write end and keeps the hub alive: use the "spawn" start method of multiprocessing.
+The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the pipe ends,
+and the hub with it. (The kernel's own "signal when my parent dies" is not used: it is tied to the thread that started
+the hub, and is cleared by some execs.) A child that is forked here without exec inherits the write end and keeps the
+hub alive: use the "spawn" start method of multiprocessing.
 
 States: running from the moment that the constructor returns; then killed or closed.
 """

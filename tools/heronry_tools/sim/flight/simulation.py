@@ -145,15 +145,6 @@ class Simulation:
         """Call `what` at the virtual time `when_ns`."""
         self.clock.at(when_ns, what)
 
-    def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
-        """Call `what` at the end of a frame known from an equal run, before any node has received the frame."""
-
-        def tap(sent: Sent) -> None:
-            if sent == frame:
-                what()
-
-        self.wiring.tap(frame.bus, tap)
-
     def run_until(self, end_ns: int) -> None:
         """Simulate up to and including `end_ns`."""
         self.clock.run_until(end_ns)

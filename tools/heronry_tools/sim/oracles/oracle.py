@@ -32,7 +32,7 @@ class StateSaid(NamedTuple):
 
 
 class Oracle:
-    """An oracle that overrides no method and has no violations yet."""
+    """Base of all oracles: it overrides no method, and has no violations yet."""
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []

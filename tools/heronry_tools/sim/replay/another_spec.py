@@ -1,8 +1,8 @@
 """Detects that a recording was made with another spec.
 
-Two facts tell: a slice that was sent whole (its digest depends on the digest of the spec), and a contingency called by
-its number (its digest is then on board). One match suffices. Where nothing matches, no part of the mastership is
-replayed, and the first mismatch is reported as the reason.
+Two facts show which spec was flown. The digest of a slice that was sent whole depends on the digest of the spec. And if
+PREPARE names a contingency by its number, its digest must be on board. One match suffices. If nothing matches, no part
+of the mastership is replayed, and the first mismatch is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator
