@@ -11,7 +11,20 @@ from xml.sax.saxutils import escape
 
 from heronry_tools.fly import acceptance
 from heronry_tools.fly.acceptance import CAUSES, Cause, Site, Touchdown, causes, interval
-from heronry_tools.fly.report.axes import BLUE, GREEN, LEFT, ORANGE, RIGHT, WIDTH, Panel, legend, panel, picture, span, text
+from heronry_tools.fly.report.axes import (
+    BLUE,
+    GREEN,
+    LEFT,
+    ORANGE,
+    RIGHT,
+    WIDTH,
+    Panel,
+    legend,
+    panel,
+    picture,
+    span,
+    text,
+)
 from heronry_tools.fly.report.flight_page import page
 
 _BIN_M = 0.5
@@ -54,8 +67,8 @@ def _share(landings: Sequence[Landing]) -> Iterator[str]:
     good = sum(not landing.causes for landing in landings)
     low, high = interval(good, len(landings))
     share = 100.0 * good / len(landings) if landings else 0.0
-    yield f"<p>{good} of {len(landings)} landings are acceptable: {share:.1f} %, 95 % interval {100 * low:.1f} to"
-    yield f" {100 * high:.1f} % (Wilson).</p>"
+    sure = f"95 % interval {100 * low:.1f} to {100 * high:.1f} % (Wilson)"
+    yield f"<p>{good} of {len(landings)} landings are acceptable: {share:.1f} %, {sure}.</p>"
     counted = Counter(cause for landing in landings for cause in landing.causes)
     if counted:
         yield "<table><tr><th>cause</th><th>landings</th></tr>"
