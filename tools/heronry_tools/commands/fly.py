@@ -54,6 +54,7 @@ examples:
   heronry fly eav --kill bus:radio@10m                 the radio dies below 10 m
   heronry fly eav --kill device:elevator_1=stuck@20    a servo sticks after 20 s
   heronry fly eav --runs 100 --jobs 0 --compiled       a campaign, with the interval of its share
+  heronry fly eav --live                               in real time, each PE a process
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
   heronry fly eav --report landing.html                one landing, with its pictures
   heronry fly big_blue --report flight.html            from the ground to the ground (an hour of flight; minutes)
@@ -95,6 +96,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
     parser.add_argument("--judged", action="store_true", help="the oracles of 'heronry sim' look on")
+    parser.add_argument("--live", action="store_true", help="in real time, with processes on software buses")
     parser.add_argument("--record", type=Path, metavar="FILE", help="write the record of the one flight as JSON")
     parser.add_argument(
         "--report", type=Path, metavar="FILE", help="write an HTML page with pictures: of one flight, or of all"
@@ -106,6 +108,8 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
+    if arguments.live:
+        return _run_live(arguments)
     go_on_compiled_if_asked(arguments)
     from heronry_tools.fly.kinds import KINDS, aircraft_of  # noqa: PLC0415 - the simulator is slow to import
 
@@ -128,6 +132,45 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report is not None and len(landings) > 1:
         _write_dispersion(arguments.report, f"{spec.name}: {len(landings)} flights", map(kind.dispersed, landings))
     return 1 if any(landing.violations for landing in landings) else 0
+
+
+def _run_live(arguments: argparse.Namespace) -> int:
+    """Fly every seed in real time, one after the other."""
+    from heronry_tools.fly.acceptance import interval  # noqa: PLC0415
+    from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
+    from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
+
+    unfit = ("compiled", "judged", "must_land", "phase", "record", "report")
+    for name in unfit:
+        if getattr(arguments, name):
+            raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
+    spec = load_spec_file(arguments.spec)
+    if aircraft_of(spec) != "eav":
+        raise UserError("--live: only the EAV's flight has processes of its own; big_blue flies live by 'heronry demo'")
+    drawn, ends = _drawn(spec, arguments), []
+    for seed in range(arguments.seed, arguments.seed + arguments.runs):
+        ends.append(fly_live(spec, spec_path(arguments.spec), drawn.of(spec, seed)))
+        print(json.dumps(ends[-1]) if arguments.json else _live_line(ends[-1]), flush=True)
+    acceptable = sum(end["acceptable"] for end in ends)
+    figures = {
+        "runs": len(ends),
+        "acceptable": acceptable,
+        "interval": [round(bound, 4) for bound in interval(acceptable, len(ends))],
+        "stood_still": sum(end["stood_still"] for end in ends),
+    }
+    if arguments.json:
+        print(json.dumps(figures))
+    elif len(ends) > 1:
+        print(f"{acceptable} of {len(ends)} are acceptable; the computer stood still in {figures['stood_still']}")
+    return 0
+
+
+def _live_line(end: dict[str, Any]) -> str:
+    landed = end["touchdown"]
+    how = "acceptable" if end["acceptable"] else f"not acceptable ({', '.join(end['causes'])})"
+    where = "" if landed is None else f": {landed['x_m']:.1f} m from the aim, sink {landed['sink_m_per_s']:.2f} m/s"
+    still = f"; the plant was late by {end['longest_standstill_ms']:.0f} ms at most"
+    return f"seed {end['seed']}: {how}{where}{still}"
 
 
 def _flown(spec: "Spec", kind: "Kind", missions: Sequence[Any], arguments: argparse.Namespace) -> Iterator[Any]:

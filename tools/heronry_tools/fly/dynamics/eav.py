@@ -29,6 +29,10 @@ from heronry_tools.fly.servos import Servos, Surface
 
 CENTRE_ABOVE_WHEELS_M = 0.30
 FIRST_SURFACE_DEG = {"elevator": 25.0, "aileron": 20.0, "rudder": 25.0}
+DEVICES = (
+    *("ins_1", "ins_2", "pitot_1", "pitot_2", "differential_receiver", "gps", "camera", "head_encoder"),
+    *("elevator_sensor", "aileron_sensor"),
+)  # the sensors
 _SURFACE_DEG_PER_S = 300.0
 _THROTTLE_PER_S = 2.0
 _HEAD_RAD_PER_S = 1.5

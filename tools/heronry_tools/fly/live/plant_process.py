@@ -1,0 +1,135 @@
+"""The plant process of a flight in real time: steps the EAV at 120 Hz, and serves its devices to all agents.
+
+    python -m heronry_tools.fly.live.plant_process FOLDER MISSION
+
+MISSION is a JSON object {"seed", "wind", "corrections_lost_s", "longest_s"}. The aircraft waits at its start until the
+first servo is driven. On standard output come JSON lines: `{"released_ns"}`, then at the end one with the touchdown and
+with how late the process was. On standard input it takes `{"fail": DEVICE, "how": HOW}`, and it ends when that ends.
+"""
+
+import json
+import os
+import select
+import socket
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, cast
+
+from heronry_tools.fly.acceptance import causes
+from heronry_tools.fly.dynamics.eav import DEVICES, EavPlant
+from heronry_tools.fly.dynamics.moving_air import MovingAir
+from heronry_tools.fly.live.driver import COMMANDS, READINGS
+from heronry_tools.fly.live.shared_readings import Snapshot, Writer
+from heronry_tools.fly.mission import Mission
+from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Failure
+from heronry_tools.fly.record import Recorder
+
+_STEP_NS = NS_PER_S // STEPS_PER_S
+_ROLLS_S = 1.0
+_STOOD_STILL_NS = 100_000_000
+
+
+class PlantProcess:
+    """The plant, its clock, and its two doors."""
+
+    def __init__(self, folder: Path, mission: Mission) -> None:
+        self._mission = mission
+        self._recorder = Recorder("eav", "in real time", mission.seed)
+        self._plant = EavPlant(
+            mission.seed,
+            air=MovingAir(mission.seed, mission.wind()),
+            corrections_lost_s=mission.corrections_lost_s,
+            watch=self._recorder.watch,
+        )
+        self._origin_ns: int | None = None
+        self._latest_ns = 0  # longest time between two rounds
+        self._commands = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._commands.bind(str(folder / COMMANDS))
+        self._writer = Writer(folder / READINGS)
+
+    def run(self) -> None:
+        """Fly until a second after the touchdown, to the longest time, or until standard input ends."""
+        due_ns = before_ns = time.monotonic_ns()
+        while not self._is_over():
+            now_ns = time.monotonic_ns()
+            if self._origin_ns is not None:
+                self._latest_ns = max(self._latest_ns, now_ns - before_ns)
+            before_ns = now_ns
+            self._take_commands(now_ns)
+            self._publish(now_ns)
+            due_ns = max(due_ns + _STEP_NS, now_ns)
+            if not self._wait_until(due_ns):
+                return
+        _say(self._result())
+
+    def _flown_ns(self, now_ns: int) -> int:
+        return 0 if self._origin_ns is None else now_ns - self._origin_ns
+
+    def _is_over(self) -> bool:
+        flown_s = self._flown_ns(time.monotonic_ns()) / NS_PER_S
+        landed = self._recorder.touchdown
+        return flown_s > self._mission.longest_s or (landed is not None and flown_s > landed.time_s + _ROLLS_S)
+
+    def _take_commands(self, now_ns: int) -> None:
+        while True:
+            try:
+                device, value = json.loads(self._commands.recv(4096))
+            except BlockingIOError:
+                return
+            if self._origin_ns is None and device in self._plant.servos.pushes:
+                self._origin_ns = now_ns
+                _say({"released_ns": now_ns})
+            self._plant.write(device, tuple(value) if isinstance(value, list) else value, self._flown_ns(now_ns))
+
+    def _publish(self, now_ns: int) -> None:
+        flown_ns = self._flown_ns(now_ns)
+        readings = {device: self._plant.read(device, flown_ns) for device in DEVICES}
+        refusing = frozenset(name for name, (how, _) in self._plant.servos.failed.items() if how in ("dead", "stuck"))
+        self._writer.write(Snapshot(now_ns, self._plant.truth().height_m, readings, refusing))
+
+    def _wait_until(self, due_ns: int) -> bool:
+        """Wait, and obey what comes on standard input; False when that has ended."""
+        while True:
+            left_s = (due_ns - time.monotonic_ns()) / NS_PER_S
+            ready, _, _ = select.select([0], [], [], max(left_s, 0.0))
+            if not ready:
+                return True
+            line = os.read(0, 65536)
+            if not line:
+                return False
+            for order in map(json.loads, line.splitlines()):
+                now_ns = self._flown_ns(time.monotonic_ns())
+                self._plant.fail(order["fail"], cast("Failure", order["how"]), now_ns)
+
+    def _result(self) -> dict[str, Any]:
+        landed = self._recorder.touchdown
+        return {
+            "seed": self._mission.seed,
+            "acceptable": not causes(landed),
+            "causes": list(causes(landed)),
+            "touchdown": None if landed is None else asdict(landed),
+            "longest_standstill_ms": round(self._latest_ns / 1e6, 1),
+            "stood_still": self._latest_ns > _STOOD_STILL_NS,
+        }
+
+
+def _say(what: dict[str, Any]) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def main() -> None:
+    """Run the process."""
+    form = json.loads(sys.argv[2])
+    mission = Mission(
+        seed=form["seed"],
+        strongest_wind_m_per_s=form["wind"],
+        corrections_lost_s=form["corrections_lost_s"],
+        longest_s=form["longest_s"],
+    )
+    PlantProcess(Path(sys.argv[1]), mission).run()
+
+
+if __name__ == "__main__":
+    main()
