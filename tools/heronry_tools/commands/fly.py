@@ -53,6 +53,7 @@ examples:
   heronry fly eav --without-rover --must-land          as it must end
   heronry fly eav --kill bus:radio@10m                 the radio dies below 10 m
   heronry fly eav --kill device:elevator_1=stuck@20    a servo sticks after 20 s
+  heronry fly eav --act '5 collapse bus:radio for 60 level 10'    the radio keeps a tenth of its bit rate
   heronry fly eav --runs 100 --jobs 0 --compiled       a campaign, with the interval of its share
   heronry fly eav --live                               in real time, each PE a process
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
@@ -88,11 +89,21 @@ def add_parsers(subparsers: Any) -> None:
         help=f"when the differential receiver becomes inaccurate (default: 2; {_NEVER})",
     )
     parser.add_argument(
+        "--height-bias",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="eav: each seed draws a constant error of its receiver's height up to M that nothing finds",
+    )
+    parser.add_argument(
         "--wind", type=float, metavar="M/S", help="strongest wind drawn (default: 7.7 for the EAV, 5 for BIG BLUE)"
     )
     parser.add_argument("--phase", choices=_PHASES, help="big_blue: begin in this phase (default: on the ground)")
     parser.add_argument(
         "--kill", action="append", default=[], metavar="ELEMENT@WHEN", help="a fault: see below; may be given again"
+    )
+    parser.add_argument(
+        "--act", action="append", default=[], metavar="ACT", help="a fault of 'heronry sim', by the time of the flight"
     )
     parser.add_argument("--one-fault", action="store_true", help="each seed draws one fault at a time on final")
     parser.add_argument("--judged", action="store_true", help="the oracles of 'heronry sim' look on")
@@ -140,7 +151,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "phase", "record", "report")
+    unfit = ("compiled", "judged", "must_land", "phase", "record", "report", "act")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
@@ -207,14 +218,16 @@ def _missions(spec: "Spec", name: str, arguments: argparse.Namespace) -> Sequenc
 def _glider_missions(spec: "Spec", arguments: argparse.Namespace) -> Sequence[Any]:
     from heronry_tools.fly.glider_campaign import missions  # noqa: PLC0415
     from heronry_tools.fly.glider_mission import STRONGEST_WIND_M_PER_S, GliderMission  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
-    if arguments.without_rover or arguments.must_land:
-        raise UserError("--without-rover and --must-land are for the EAV; big_blue lands on a field, without a rover")
+    if arguments.without_rover or arguments.must_land or arguments.height_bias:
+        raise UserError("--without-rover, --must-land and --height-bias are for the EAV; big_blue lands on a field")
     first = GliderMission(
         seed=arguments.seed,
         start=arguments.phase or "ascent",
         strongest_wind_m_per_s=_wind(arguments, STRONGEST_WIND_M_PER_S),
         blows=tuple(_blow(spec, text) for text in arguments.kill),
+        acts=tuple(read_fault(spec, text) for text in arguments.act),
         judged=arguments.judged,
     )
     return missions(spec, first, arguments.runs, one_fault=arguments.one_fault)
@@ -230,6 +243,7 @@ def _wind(arguments: argparse.Namespace, default: float) -> float:
 def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
     from heronry_tools.fly.campaign import Drawn  # noqa: PLC0415
     from heronry_tools.fly.mission import STRONGEST_WIND_M_PER_S, Mission  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import read_fault  # noqa: PLC0415
 
     lost = None if arguments.corrections_lost == _NEVER else _seconds(arguments.corrections_lost, "--corrections-lost")
     mission = Mission(
@@ -239,6 +253,8 @@ def _drawn(spec: "Spec", arguments: argparse.Namespace) -> "Drawn":
         has_rover=not arguments.without_rover,
         must_land=arguments.must_land,
         blows=tuple(_blow(spec, text) for text in arguments.kill),
+        acts=tuple(read_fault(spec, text) for text in arguments.act),
+        most_height_bias_m=arguments.height_bias,
         judged=arguments.judged,
     )
     return Drawn(mission, arguments.one_fault)

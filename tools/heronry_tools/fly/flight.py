@@ -20,6 +20,7 @@ from heronry_tools.fly.mission import Blow, Landing, Mission
 from heronry_tools.fly.observation import LABELS, Observer
 from heronry_tools.fly.plant import NS_PER_S, Failure, FlightPlant
 from heronry_tools.fly.record import FlightRecord, Recorder
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 
 _LOOK_NS = 25_000_000
@@ -80,6 +81,7 @@ class EavFlight:
             mission.seed,
             air=MovingAir(mission.seed, mission.wind()),
             corrections_lost_s=mission.corrections_lost_s,
+            height_bias_m=mission.height_bias_m(),
             watch=self._recorder.watch,
         )
         self._released = ReleasedPlant(plant)
@@ -100,6 +102,7 @@ class EavFlight:
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(_LOOK_NS)
         self._released.release(simulation.now_ns)
+        Injections(simulation, self._mission.acts, simulation.now_ns)
         if self._mission.must_land:
             simulation.operator.say(EnterPhase("must_land"))
         while not self._is_over():
@@ -207,5 +210,9 @@ def _places(plan: dict[str, Any]) -> dict[str, str]:
 
 
 def _title(mission: Mission) -> str:
-    parts = ["with the rover" if mission.has_rover else "without the rover", *map(str, mission.blows)]
+    parts = [
+        "with the rover" if mission.has_rover else "without the rover",
+        *map(str, mission.blows),
+        *map(str, mission.acts),
+    ]
     return ", ".join(parts)

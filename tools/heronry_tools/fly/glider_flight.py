@@ -15,6 +15,7 @@ from heronry_tools.fly.glider_mission import GliderLanding, GliderMission
 from heronry_tools.fly.mission import Blow
 from heronry_tools.fly.plant import NS_PER_S, Failure, Truth
 from heronry_tools.fly.record import FlightRecord, Recorder
+from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
 
 _LOOK_NS = 250_000_000
@@ -52,6 +53,7 @@ class GliderFlight:
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(_LOOK_NS)
         self._released.release(simulation.now_ns)
+        Injections(simulation, self._mission.acts, simulation.now_ns)
         self._recorder.state(0.0, "phase", "phase", next(iter(self._spec.phases), None))
         while not self._is_over():
             simulation.run_for(_LOOK_NS)
@@ -161,4 +163,4 @@ def _is_due(blow: Blow, truth: Truth) -> bool:
 
 
 def _title(mission: GliderMission) -> str:
-    return ", ".join([f"from {mission.start} to the ground", *map(str, mission.blows)])
+    return ", ".join([f"from {mission.start} to the ground", *map(str, mission.blows), *map(str, mission.acts)])

@@ -10,6 +10,7 @@ from heronry_tools.fly.acceptance import Cause, Touchdown, causes
 from heronry_tools.fly.atmosphere import Wind
 from heronry_tools.fly.dynamics.big_blue import Start
 from heronry_tools.fly.mission import Blow
+from heronry_tools.sim.faults.fault import Fault
 
 STRONGEST_WIND_M_PER_S = 5.0  # at 20 ft
 PACE = 30
@@ -21,8 +22,8 @@ _STREAM_M_PER_S = 12.0  # at the height of the jet stream: a day on which such a
 class GliderMission:
     """A flight from one of the starts of `dynamics.big_blue` to the ground.
 
-    pace: how much faster than the avionics' clock time passes on the balloon's line. judged: what the oracles of the
-    simulator find is told.
+    pace: how much faster than the avionics' clock time passes on the balloon's line. acts: faults of `heronry sim`, by
+    the time of the flight. judged: what the oracles of the simulator find is told.
     """
 
     seed: int = 0
@@ -30,6 +31,7 @@ class GliderMission:
     strongest_wind_m_per_s: float = STRONGEST_WIND_M_PER_S
     pace: int = PACE
     blows: tuple[Blow, ...] = ()
+    acts: tuple[Fault, ...] = ()
     judged: bool = False
     longest_s: float = 6_000.0
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from heronry_tools.fly.acceptance import Cause, Touchdown, causes
 from heronry_tools.fly.atmosphere import Wind
+from heronry_tools.sim.faults.fault import Fault
 
 STRONGEST_WIND_M_PER_S = 7.7  # of those that are drawn, at 20 ft
 WIDEST_WIND_DEG = 60.0  # from the runway's direction
@@ -33,8 +34,8 @@ class Blow:
 class Mission:
     """A flight of the EAV on final.
 
-    corrections_lost_s: when the differential receiver loses its accuracy; None: never. judged: what the oracles of the
-    simulator find is told.
+    corrections_lost_s: when the differential receiver loses its accuracy; None: never. acts: faults of
+    the simulator, with times from the begin of the flight. judged: what the oracles of the simulator find is told.
     """
 
     seed: int = 0
@@ -43,8 +44,14 @@ class Mission:
     has_rover: bool = True
     must_land: bool = False
     blows: tuple[Blow, ...] = ()
+    acts: tuple[Fault, ...] = ()
+    most_height_bias_m: float = 0.0  # of the differential receiver: a constant error that is drawn, and not found
     judged: bool = False
     longest_s: float = 90.0
+
+    def height_bias_m(self) -> float:
+        """Give the constant error of the receiver's height that the seed draws."""
+        return Random(f"{self.seed} height bias").uniform(-self.most_height_bias_m, self.most_height_bias_m)
 
     def wind(self) -> Wind:
         """Give the wind that the seed draws."""
@@ -78,6 +85,11 @@ class Landing:
         """Why the landing is not acceptable; empty if it is."""
         return causes(self.touchdown)
 
+    @property
+    def height_bias_m(self) -> float | None:
+        """Constant error of the height by which it landed, where one was drawn."""
+        return self.mission.height_bias_m() if self.mission.most_height_bias_m else None
+
     def document(self) -> dict[str, Any]:
         """Give it as plain data for JSON."""
         landed = self.touchdown
@@ -87,6 +99,7 @@ class Landing:
             "causes": list(self.causes),
             "went_around": self.went_around,
             "mode": self.mode,
+            "height_bias_m": self.height_bias_m,
             "blows": [str(blow) for blow in self.mission.blows],
             "touchdown": None if landed is None else asdict(landed),
             "reconfigured_after_s": self.reconfigured_after_s,
