@@ -58,7 +58,7 @@ examples:
   heronry fly eav --live                               in real time, each PE a process
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
   heronry fly eav --report landing.html                one landing, with its pictures
-  heronry fly eav --corrections-lost never --height-bias 4 --runs 60 --report bias.html   how much error a landing stands
+  heronry fly eav --corrections-lost never --height-bias 4 --runs 60    how much error of height a landing stands
   heronry fly big_blue --report flight.html            from the ground to the ground (an hour of flight; minutes)
   heronry fly big_blue --phase glide --kill pe:nav@60  released at 2 km; a PE dies after a minute
 """
@@ -95,13 +95,6 @@ def add_parsers(subparsers: Any) -> None:
         default=0.0,
         metavar="M",
         help="eav: each seed draws a constant error of its receiver's height up to M that nothing finds",
-    )
-    parser.add_argument(
-        "--height-bias",
-        type=float,
-        default=0.0,
-        metavar="M",
-        help="eav: each seed draws a constant error of its receiver's height, up to M, that nothing finds",
     )
     parser.add_argument(
         "--wind", type=float, metavar="M/S", help="strongest wind drawn (default: 7.7 for the EAV, 5 for BIG BLUE)"
