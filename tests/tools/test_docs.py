@@ -85,6 +85,10 @@ RULES = [
     Rule(r"heronry sim .*--compiled.*", How.EXEMPT, "the first time it compiles for minutes"),
     Rule(r"heronry sim (big_blue|elevator_and_chute --runs 3 .*)", How.RUN, is_long=True),
     Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
+    Rule(r"heronry fly big_blue( --report .*)?", How.EXEMPT, "an hour of flight; test_big_blue_flights.py, when long"),
+    Rule(r"heronry fly .*--live.*", How.LIVE, is_long=True),
+    Rule(r"heronry fly eav --report .*", How.RUN),
+    Rule(r"heronry fly .*", How.RUN, is_long=True),
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),

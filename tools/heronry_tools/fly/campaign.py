@@ -77,3 +77,42 @@ def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
     if not ordered:
         return None
     return [round(median(ordered), 4), round(ordered[min(int(high * len(ordered)), len(ordered) - 1)], 4)]
+
+
+def line(landing: Landing) -> str:
+    """Say in one line how a flight ended."""
+    blows = "".join(f", {blow}" for blow in landing.mission.blows)
+    head = f"seed {landing.mission.seed}{blows}: "
+    landed = landing.touchdown
+    if landed is None:
+        how = "goes around, landing refused" if landing.went_around else "has not landed"
+        return f"{head}{how}; digest {landing.digest}"
+    judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
+    where = f"{landed.x_m:.1f} m from the aim, {landed.y_m:+.1f} m from the centre line"
+    return f"{head}lands {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
+
+
+def figures(found: dict[str, Any]) -> str:
+    """Say the figures of many flights."""
+    low, high = found["interval"]
+    causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
+    share = 100 * found["acceptable"] / found["runs"]
+    interval = f"{share:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f}"
+    lines = [
+        f"{found['acceptable']} of {found['runs']} landings are acceptable ({interval})",
+        f"causes: {causes}; went around: {found['went_around']}",
+    ]
+    if found["sink_m_per_s"]:
+        lines.append("sink rate: median {:.2f} m/s, 95 % below {:.2f} m/s".format(*found["sink_m_per_s"]))
+    if found["height_error_below_1_5_m"] is not None:
+        lines.append(f"height error below 10 m stays below 1.5 m in {100 * found['height_error_below_1_5_m']:.1f} %")
+    if found["reconfigured_after_s"]:
+        middle, most = found["reconfigured_after_s"]
+        lines.append(f"reconfigured after a fault: median {middle:.3f} s, 99 % within {most:.3f} s")
+    return "\n".join(lines)
+
+
+def latency_line(found_s: Sequence[float]) -> str:
+    """Say the latency from sensor to servo: the median and a high quantile in s."""
+    middle, most = (1000.0 * value for value in found_s)
+    return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

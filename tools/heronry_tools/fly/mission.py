@@ -46,9 +46,14 @@ class Mission:
     must_land: bool = False
     blows: tuple[Blow, ...] = ()
     acts: tuple[Fault, ...] = ()
+    most_height_bias_m: float = 0.0  # of the differential receiver: a constant error that is drawn, and not found
     judged: bool = False
     probed: bool = False
     longest_s: float = 90.0
+
+    def height_bias_m(self) -> float:
+        """Give the constant error of the receiver's height that the seed draws."""
+        return Random(f"{self.seed} height bias").uniform(-self.most_height_bias_m, self.most_height_bias_m)
 
     def wind(self) -> Wind:
         """Give the wind that the seed draws."""
@@ -84,6 +89,11 @@ class Landing:
         """Why the landing is not acceptable; empty if it is."""
         return causes(self.touchdown)
 
+    @property
+    def height_bias_m(self) -> float | None:
+        """Constant error of the height by which it landed, where one was drawn."""
+        return self.mission.height_bias_m() if self.mission.most_height_bias_m else None
+
     def document(self) -> dict[str, Any]:
         """Give it as plain data for JSON."""
         landed = self.touchdown
@@ -93,6 +103,7 @@ class Landing:
             "causes": list(self.causes),
             "went_around": self.went_around,
             "mode": self.mode,
+            "height_bias_m": self.height_bias_m,
             "blows": [str(blow) for blow in self.mission.blows],
             "touchdown": None if landed is None else asdict(landed),
             "reconfigured_after_s": self.reconfigured_after_s,

@@ -17,6 +17,7 @@ and roll, and accelerations without those of the path. So a turn is not felt as 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -49,6 +50,7 @@ _CURES_S = 12.0  # under pressure in the light; shortened like the dose that the
 _LEAST_WINGS = 0.06  # of folded wings
 _CHUTE_OPENS_S = 1.0
 _QUICK_ABOVE_M, _QUICK_BELOW_M = 50.0, 19_300.0  # heights above the field between which time may pass faster
+_NEAR_GROUND_FT = 6.0
 _M_PER_DEG_LONGITUDE = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
 _WIRES, _CHARGES = frozenset(("burn_wire_1", "burn_wire_2")), frozenset(("chute_charge_1", "chute_charge_2"))
 _SKIDS = ("nose_skid", "left_skid", "right_skid")
@@ -102,13 +104,19 @@ class BigBluePlant:
     """BIG BLUE III from one of its phases on; see `heronry_tools.fly.plant`."""
 
     def __init__(
-        self, seed: int, *, start: Start = "ascent", air: Air | None = None, pace: int = 1, begin_ns: int = 0
+        self,
+        seed: int,
+        *,
+        start: Start = "ascent",
+        air: Air | None = None,
+        pace: int = 1,
+        watch: Callable[[Truth], None] | None = None,
     ) -> None:
         """pace: steps of the plant for one of the avionics while the aircraft hangs on its line.
 
-        begin_ns: until this time of the avionics the aircraft is held where it starts.
+        watch: gets the state after each step near the ground, once the line is cut.
         """
-        self._seed, self._air, self.pace, self._begin_ns = seed, air, pace, begin_ns
+        self._seed, self._air, self.pace, self._watch = seed, air, pace, watch
         point = _STARTS[start]
         self._model = Model("big_blue", seed=seed)
         self.hangs, self.chute = point.hangs, 0.0
@@ -132,7 +140,7 @@ class BigBluePlant:
 
     def advance(self, time_ns: int) -> None:
         """Step the model up to the last step at or before `time_ns`; no effect when that is past."""
-        due = (time_ns - self._begin_ns) * STEPS_PER_S // NS_PER_S
+        due = time_ns * STEPS_PER_S // NS_PER_S
         while self._ticks < due:
             self._tick()
 
@@ -228,6 +236,8 @@ class BigBluePlant:
         for _ in range(self._pace()):
             self._step()
         self._motion = None
+        if self._watch is not None and not self.hangs and self._model.fdm["position/h-agl-ft"] < _NEAR_GROUND_FT:
+            self._watch(self.truth())
 
     def _pace(self) -> int:
         height_m = self._model.fdm["position/h-agl-ft"] * M_PER_FT
@@ -287,7 +297,7 @@ class BigBluePlant:
         return self._wing.position(now_ns, self._wing_hpa)
 
     def _now_ns(self) -> int:
-        return self._begin_ns + self._ticks * NS_PER_S // STEPS_PER_S
+        return self._ticks * NS_PER_S // STEPS_PER_S
 
     def _touching(self) -> tuple[str, ...]:
         fdm = self._model.fdm
@@ -303,7 +313,7 @@ class BigBluePlant:
         surface = self.servos.surfaces.get(device.removesuffix("_angle_sensor"))
         if device not in SENSORS and surface is None:
             return 0.0
-        time_ns = max(now_ns - self._begin_ns, 0)
+        time_ns = now_ns
         if device == "gps":
             time_ns -= time_ns % GPS_PERIOD_NS
         if device in ("command_receiver", "console"):

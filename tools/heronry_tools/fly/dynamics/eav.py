@@ -76,11 +76,14 @@ class EavPlant:
         start_m: tuple[float, float, float] = (-620.0, 0.0, 45.0),
         airspeed_m_per_s: float = 18.0,
         corrections_lost_s: float | None = None,
+        height_bias_m: float = 0.0,
         perfect: bool = False,
         watch: Callable[[Truth], None] | None = None,
         probe: LatencyProbe | None = None,
     ) -> None:
         """start_m: x, y and height. corrections_lost_s: from when on the differential receiver is inaccurate.
+
+        height_bias_m: a constant error of its height, besides the usual ones.
 
         perfect: all sensors but the camera without errors. watch: gets the state after each step near the ground.
         probe: steps the pitch rate that is measured.
@@ -108,6 +111,7 @@ class EavPlant:
         self.head_rad, self._head_demand_rad = _HEAD_START_RAD, _HEAD_START_RAD
         self.camera = Camera(seed)
         self._errors = self._drawn_errors(seed)
+        self._errors["precise/h"].bias += height_bias_m
         self._sample()
 
     # What devices do

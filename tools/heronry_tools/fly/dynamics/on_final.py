@@ -15,5 +15,6 @@ def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | Non
         mission.seed,
         air=MovingAir(mission.seed, mission.wind()),
         corrections_lost_s=mission.corrections_lost_s,
+        height_bias_m=mission.height_bias_m(),
         watch=recorder.watch,
     )

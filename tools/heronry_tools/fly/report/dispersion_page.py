@@ -7,10 +7,24 @@ it show the bias that a landing stands.
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from xml.sax.saxutils import escape
 
 from heronry_tools.fly import acceptance
-from heronry_tools.fly.acceptance import CAUSES, Cause, Touchdown, causes, interval
-from heronry_tools.fly.report.axes import BLUE, GREEN, ORANGE, Panel, legend, panel, picture, span, text
+from heronry_tools.fly.acceptance import CAUSES, Cause, Site, Touchdown, causes, interval
+from heronry_tools.fly.report.axes import (
+    BLUE,
+    GREEN,
+    LEFT,
+    ORANGE,
+    RIGHT,
+    WIDTH,
+    Panel,
+    legend,
+    panel,
+    picture,
+    span,
+    text,
+)
 from heronry_tools.fly.report.flight_page import page
 
 _BIN_M = 0.5
@@ -25,20 +39,21 @@ class Landing:
     touchdown: Touchdown | None
     wind_m_per_s: float | None = None
     height_bias_m: float | None = None
+    site: Site = "runway"
 
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Why it is not acceptable."""
-        return causes(self.touchdown)
+        return causes(self.touchdown, self.site)
 
 
 def dispersion_page(title: str, landings: Sequence[Landing]) -> str:
     """Draw the report of many flights."""
     touched = [landing for landing in landings if landing.touchdown is not None]
-    parts = [f"<h1>{title}</h1>", *_share(landings)]
+    parts = [f"<h1>{escape(title)}</h1>", *_share(landings)]
     if touched:
         parts += [
-            "<h2>Where the wheels touch</h2>",
+            "<h2>Where the aircraft touches the ground</h2>",
             _scatter(touched),
             "<h2>Sink at the touchdown</h2>",
             _sinks(touched),
@@ -52,8 +67,8 @@ def _share(landings: Sequence[Landing]) -> Iterator[str]:
     good = sum(not landing.causes for landing in landings)
     low, high = interval(good, len(landings))
     share = 100.0 * good / len(landings) if landings else 0.0
-    yield f"<p>{good} of {len(landings)} landings are acceptable: {share:.1f} %, 95 % interval {100 * low:.1f} to"
-    yield f" {100 * high:.1f} % (Wilson).</p>"
+    sure = f"95 % interval {100 * low:.1f} to {100 * high:.1f} % (Wilson)"
+    yield f"<p>{good} of {len(landings)} landings are acceptable: {share:.1f} %, {sure}.</p>"
     counted = Counter(cause for landing in landings for cause in landing.causes)
     if counted:
         yield "<table><tr><th>cause</th><th>landings</th></tr>"
@@ -77,13 +92,31 @@ def _scatter(landings: Sequence[Landing]) -> str:
     good, bad = _split(landings)
     xs = [landing.x_m for landing in good + bad]
     ys = [landing.y_m for landing in good + bad]
+    if landings[0].site == "field":
+        return _around_home(good, bad, xs, ys)
     limits = acceptance.RUNWAY
     labels = ("x from the aim, along the runway (m)", "y from the centre line (m)")
-    across = span([*xs, *limits.along_m])
-    drawn = panel(across, span([*ys, limits.offset_m, -limits.offset_m]), labels, 26, 300)
+    drawn = panel(span([*xs, *limits.along_m]), span([*ys, limits.offset_m, -limits.offset_m]), labels, 26, 300)
     box = limits.along_m, (-limits.offset_m, limits.offset_m)
     parts = [*_kinds(), drawn.box(*box, "#d9f0e7"), *drawn.frame(), *_points(drawn, good, bad)]
     return picture(372, "touchdown points", parts)
+
+
+def _around_home(
+    good: Sequence[Touchdown], bad: Sequence[Touchdown], norths: Sequence[float], easts: Sequence[float]
+) -> str:
+    """Draw a map, north up, of equal scales, with the circle in which a landing is acceptable."""
+    radius = acceptance.FIELD.distance_m
+    reach = max(1.2 * radius, *(1.05 * abs(value) for value in (*norths, *easts)))
+    height = 600.0
+    wide = reach * (WIDTH - LEFT - RIGHT) / height
+    drawn = panel((-wide, wide), (-reach, reach), ("east of home (m)", "north of home (m)"), 26, height)
+    middle, size = (drawn.across.px(0.0), drawn.up.px(0.0)), drawn.across.px(radius) - drawn.across.px(0.0)
+    circle = f'<circle cx="{middle[0]:.1f}" cy="{middle[1]:.1f}" r="{size:.1f}" fill="#d9f0e7"/>'
+    parts = [*_kinds(), circle, *drawn.frame()]
+    parts += drawn.points([landing.y_m for landing in good], [landing.x_m for landing in good], BLUE)
+    parts += drawn.points([landing.y_m for landing in bad], [landing.x_m for landing in bad], ORANGE, "cross")
+    return picture(height + 72, "touchdown points", parts)
 
 
 def _points(drawn: Panel, good: Sequence[Touchdown], bad: Sequence[Touchdown]) -> Iterator[str]:
@@ -95,7 +128,8 @@ def _sinks(landings: Sequence[Landing]) -> str:
     """Draw the cumulative distribution: the share of landings with at most a sink."""
     sinks = sorted(landing.touchdown.sink_m_per_s for landing in landings if landing.touchdown is not None)
     shares = [100.0 * (index + 1) / len(sinks) for index in range(len(sinks))]
-    limit = acceptance.RUNWAY.sink_m_per_s
+    on_field = landings[0].site == "field"
+    limit = acceptance.FIELD.sink_m_per_s if on_field else acceptance.RUNWAY.sink_m_per_s
     labels = ("sink (m/s)", "landings with at most this sink (%)")
     drawn = panel(span([0.0, limit * 1.2, *sinks]), (0.0, 104.0), labels, 26, 220)
     at = drawn.across.px(limit)
