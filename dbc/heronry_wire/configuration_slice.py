@@ -25,10 +25,7 @@ from heronry_wire.packing import PackingError, Unpacker, pack
 
 @dataclass(frozen=True, slots=True)
 class ModuleSlice:
-    """One module to run: its index, its mode, and for each leaf of the mode the source that it reads.
-
-    None: not wired.
-    """
+    """One module to run: its index, its mode, and the source that each leaf of the mode reads (None: not wired)."""
 
     module: int
     mode: int

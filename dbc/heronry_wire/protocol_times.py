@@ -90,9 +90,9 @@ def silent_ns(period_ns: int, misses: int) -> int:
 
 
 def unsent_ns(period_ns: int) -> int:
-    """Time in ns after the last frame of a PE at which no frame of it is on its way.
+    """Time in ns after the last frame of a PE at which no frame of the PE is on its way any more.
 
-    Period_ns: that of the slowest bus.
+    period_ns: heartbeat period of the slowest bus between the PE and the listener.
     """
     return silent_ns(period_ns, UNSENT_PERIODS)
 

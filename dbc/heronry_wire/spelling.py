@@ -1,7 +1,9 @@
-"""What a person may have meant by a name that does not exist: the closest of those that do."""
+"""Suggests the name that a user may have meant: the known name that is closest to an unknown one."""
 
 import difflib
 from collections.abc import Iterable
+
+_MOST_NAMES = 40  # in one sentence
 
 
 def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
@@ -10,7 +12,10 @@ def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
 
 
 def meant(word: str, known: Iterable[str], otherwise: str = "") -> str:
-    """Give the closest known word as a question; else `otherwise`, or the list of all known words."""
+    """Give the closest known word as a question; else `otherwise`, or the list of known words, the first of many."""
     names = list(known)
     found = close(word, names)
-    return f"did you mean '{found}'?" if found else otherwise or f"there is {', '.join(names) or 'none'}"
+    if found:
+        return f"did you mean '{found}'?"
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return otherwise or f"there is {', '.join(names[:_MOST_NAMES]) or 'none'}{more}"

@@ -18,6 +18,7 @@ from heronry_wire.spelling import close
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
+_MOST_TOLD = 5  # findings in the text of an error
 _MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not take minutes
 
 
@@ -54,11 +55,18 @@ class Finding:
 
 
 class SpecError(HeronryError, ValueError):
-    """A spec cannot be loaded; `findings` says why, in the order of the file. The text has one line per finding."""
+    """A spec cannot be loaded; `findings` says why, in the order of the file.
+
+    The text has one line per finding, for the first ones: a file that is no spec at all may have hundreds.
+    """
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(sorted(findings))
-        super().__init__("\n".join(str(finding) for finding in self.findings))
+        lines = [str(finding) for finding in self.findings[:_MOST_TOLD]]
+        more = len(self.findings) - len(lines)
+        if more:
+            lines.append(f"and {more} more; is this the right file? 'heronry check {self.findings[0].file}' lists all")
+        super().__init__("\n".join(lines))
 
 
 class Findings:

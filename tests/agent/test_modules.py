@@ -1,6 +1,7 @@
 """Modules at work: when they run, their inputs and outputs, and what happens when they fail."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -19,12 +20,14 @@ from agent.one_pe import (
     RUN_MONITOR,
     RUN_SERVO_1,
     SERVO_1,
+    TABLE,
     OnePe,
     neighbour_state,
     rate_frame,
     sent,
 )
-from heronry_agent.core.vocabulary import StepModule, Stepped
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_output
+from heronry_agent.core.vocabulary import Note, StepModule, Stepped
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import emcy_id
@@ -35,6 +38,7 @@ from heronry_wire.management import (
 )
 from heronry_wire.sansio import Received, Tick
 
+CONTROLLING = Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR})
 WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}, publish={ALARM: 1})
 
 
@@ -110,6 +114,33 @@ def test_a_value_that_its_type_cannot_carry_is_a_fault_of_the_module(value: Valu
     (told,) = emergencies(pe.pass_time(0))
     assert (told.code, told.index) == (FaultCode.MODULE_EXCEPTION, MONITOR)
     assert MONITOR not in pe.running
+
+
+def test_an_output_that_no_mode_has_is_a_failure_that_says_what_was_meant() -> None:
+    pe = OnePe()
+    pe.outputs[CONTROL] = {"demnad": 0.1}
+    pe.configure(CONTROLLING, 7)
+    (told,) = emergencies(pe.pass_time(0))
+    assert (told.code, told.index) == (FaultCode.UNKNOWN_OUTPUT, CONTROL)
+    assert CONTROL not in pe.running
+    (text,) = (a.text for _, a in pe.done if isinstance(a, Note) and "control" in a.text)
+    assert text.endswith("its step gives 'demnad'; did you mean 'demand'? (the spec lets it give demand)")
+
+
+def test_an_output_that_only_another_mode_has_is_left_out() -> None:
+    control, *others = TABLE.modules
+    changed = replace(control, modes=(replace(control.modes[0], gives={}), control.modes[1]))
+    pe = OnePe(replace(TABLE, modules=(changed, *others)))
+    pe.outputs[CONTROL] = {"demand": 0.1}
+    pe.configure(CONTROLLING, 7)
+    actions = pe.pass_time(0)
+    assert (emergencies(actions), sent(actions, DEMAND_ID)) == ([], [])
+    assert CONTROL in pe.running
+
+
+def test_a_module_without_outputs_that_gives_one_is_told_so() -> None:
+    with pytest.raises(UnknownOutputError, match=r"gives 'angle' \(the spec lets it give nothing\)"):
+        expect_output(TABLE.modules[1], "angle")
 
 
 def test_an_old_datum_taken_after_a_pause_is_as_old_as_it_is() -> None:

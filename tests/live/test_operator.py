@@ -46,8 +46,8 @@ def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
 class Demo:
     """A demo that runs until it is told to end, and its manager's socket; it is killed if that takes too long."""
 
-    def __init__(self, spec: Path) -> None:
-        command = [*HERONRY, "demo", str(spec), "--kill", "pe:sensor_pe@600", "--json"]
+    def __init__(self, spec: Path, kill: str = "pe:sensor_pe@600") -> None:
+        command = [*HERONRY, "demo", str(spec), "--kill", kill, "--json"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self._latest = Timer(PATIENCE_S, self.process.kill)
         self._latest.start()

@@ -69,10 +69,18 @@ class Flown:
         return answer
 
 
-@pytest.fixture
-def flown() -> Iterator[Flown]:
+@pytest.fixture(scope="module")
+def planners() -> Iterator[tuple[PlannerClient, PlannerClient]]:
+    """A planner and a pre-planner, which no test has stopped; each test leaves them without a request."""
     with PlannerClient(SPEC, FILE) as planner, PlannerClient(SPEC, FILE, niceness=10) as pre_planner:
-        yield Flown(SPEC, planner, pre_planner)
+        yield planner, pre_planner
+
+
+@pytest.fixture
+def flown(planners: tuple[PlannerClient, PlannerClient]) -> Iterator[Flown]:
+    flown = Flown(SPEC, *planners)
+    yield flown
+    assert flown.processes.next_deadline_ns() is None
 
 
 def test_what_was_not_pre_planned_gets_an_immediate_plan_and_the_best_one_in_the_background(flown: Flown) -> None:

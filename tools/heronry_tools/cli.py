@@ -1,12 +1,14 @@
-"""The command `heronry`: one parser, one file per command, and nothing slow is imported before it is needed.
+"""The command `heronry`: one parser, one file per command.
+
+A module that loads slowly is imported only when it is needed.
 
 `command_table` names the commands; the help of all of them needs no more. A command file has `add_parsers(subparsers)`,
 which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes to the file of its -o
 (`console.output`).
 
 Exit codes, the same for every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a
-refusal; 2 what was typed cannot be used: an error that a user can fix is a `UserError`, one sentence on stderr. Ctrl-C
-ends with 130.
+refusal; 2 what was typed cannot be used. An error that a user can correct is a `UserError`, one sentence on stderr.
+Ctrl-C ends with 130.
 """
 
 import argparse
@@ -78,7 +80,7 @@ def _expect_command(name: str) -> None:
 
 
 def help_of_all() -> str:
-    """All commands, by what a person is about to do, one line each."""
+    """All commands, one line each, grouped by the task of the user."""
     return "\n".join([_FIRST, *_groups(), _LAST])
 
 

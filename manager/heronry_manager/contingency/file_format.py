@@ -61,13 +61,15 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     """Decode the content of a file; raises ContingencyFileError."""
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
-        raise ContingencyFileError("this is no contingency file")
+        raise ContingencyFileError("the file is not a contingency file")
     if content[len(_MAGIC)] != FORMAT:
-        raise ContingencyFileError(f"it is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}")
+        raise ContingencyFileError(
+            f"the file is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}"
+        )
     if hashlib.sha256(content).digest() != digest:
-        raise ContingencyFileError("it is damaged: its checksum is wrong")
+        raise ContingencyFileError("the file is damaged: its checksum is wrong")
     if content[len(_MAGIC) + 1 :][:32].hex() != spec.digest:
-        raise ContingencyFileError(f"it was made for another spec, or another version of spec {spec.name}")
+        raise ContingencyFileError(f"the file was made for another spec, or another version of spec {spec.name}")
     try:
         return _read(Unpacker(_unpacked(content)), spec)
     except (PackingError, IndexError, ValueError, zlib.error) as error:

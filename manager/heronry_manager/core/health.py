@@ -190,9 +190,9 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses after the last frame of any PE, since this manager itself heard nothing.
+        """Discount the losses after the last frame of any PE, because this manager itself heard nothing.
 
-        Gives these PEs.
+        Gives the PEs whose losses were discounted.
         """
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]

@@ -32,13 +32,13 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.numbering import next_term
 from heronry_manager.core.on_board import ContingencyNumbers
-from heronry_manager.core.operator_orders import OperatorOrders
+from heronry_manager.core.operator_orders import OperatorOrders, module_problem
 from heronry_manager.core.parts import Parts
 from heronry_manager.core.pe_details import Look
 from heronry_manager.core.pe_reports import PeReports
@@ -238,7 +238,7 @@ class ManagerCore:
         if outcome.command is not None:
             self._turn.send(Command.CONTROL, outcome.command)
         self._beat.look()
-        return Reply(number, outcome.done, outcome.sentence)
+        return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 
     def _status_for_operator(self) -> dict[str, Any]:
         """Give the status, and read the standstills of the PEs, which the next status will show."""
@@ -248,12 +248,16 @@ class ManagerCore:
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:
-        """Answer when the PE has given the traceback, or has not."""
+        """Answer when the PE has given the traceback, or has not; immediately if the spec has no such module."""
+        problem = module_problem(self._settings.spec, element)
+        if problem is not None:
+            self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))
+            return
 
         def answer(text: str | None, why_not: str) -> None:
             self._turn.ask(Reply(number, done=text is not None, sentence=why_not if text is None else text))
 
-        self._details.traceback(element, answer)
+        self._details.traceback(module_of(element), answer)
 
     def _driver_told(self, event: DriverEvent) -> None:
         match event:

@@ -81,7 +81,9 @@ class PeDetails:
         """Read the traceback of a module's last failure; `answer` gets it, or None and a sentence that says why not."""
         known = self._failures.get(element)
         if known is None:
-            answer(None, f"no failure of {element} is known to this manager: see 'heronry status'")
+            others = ", ".join(self._failures)
+            known_ones = f"it knows one of {others}" if others else "no module has failed"
+            answer(None, f"no failure of {element} is known to this manager: {known_ones}")
             return
         pe = known["by"]
 

@@ -204,9 +204,9 @@ class PlanningPolicy:
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
-        """Answer in place of the exact planner, if it has failed at a plan that the aircraft needs.
+        """Give the exact planner's answer, or that of another planner if the exact one has failed.
 
-        Else give its answer.
+        Another planner answers only if the aircraft needs the plan.
         """
         if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
             plan = self._immediate.plan(request.now, request.running)

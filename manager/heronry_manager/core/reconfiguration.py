@@ -268,7 +268,7 @@ class Reconfiguration:
         self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
-        """Give the epoch up before its first ACTIVATE: none of its messages is sent any more."""
+        """Give up the epoch before its first ACTIVATE; the manager sends no message of it any more."""
         self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()

@@ -181,12 +181,16 @@ class OperatorSaid:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status."""
+    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status.
+
+    is_unusable: the order names what the spec does not have, so no manager of this spec could ever take it.
+    """
 
     number: int
     done: bool
     sentence: str
     status: Mapping[str, Any] | None = None
+    is_unusable: bool = False
 
 
 DriverEvent = JournalTold | ChannelsLost | AliveLeft | StoodStill

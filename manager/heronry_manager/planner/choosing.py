@@ -75,9 +75,9 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """Limit the modes that can run only on some PEs to the room on these PEs.
+        """Limit the CPU, memory and flash of modes to the room on the PEs that can run them.
 
-        For all PEs, and the hosts of each mode.
+        The limit is added for all PEs together, and for the set of PEs that can run each mode.
         """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)

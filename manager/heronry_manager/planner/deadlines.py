@@ -51,7 +51,7 @@ class _Room:
     most: int
 
     def holds(self, published: Set[MessageKey]) -> bool:
-        """Tell whether the sum stays within `most` when these are published."""
+        """Tell whether the sum stays within `most` when these messages are published."""
         return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
 
 

@@ -87,7 +87,7 @@ class Publishing:
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
         """Return literals of which one is true iff the running producer's route leads over the bus before.
 
-        None: always.
+        None: the route always does.
         """
         if hop.after is None:
             return None

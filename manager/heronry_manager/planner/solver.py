@@ -36,7 +36,10 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search for sets of terms that exclude each other, which the linear relaxation does not bound."""
+    """Set up a search for sets of inputs that exclude each other.
+
+    The linear relaxation gives no bound for such sets.
+    """
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True
     solver.parameters.core_minimization_level = 1

@@ -71,7 +71,7 @@ class ControlSocket:
         """Answer an order; the answer is lost if the caller has hung up."""
         caller = self._awaiting_answer.pop(reply.number, None)
         if caller in self._callers:
-            self._tell(caller, Answer(reply.done, reply.sentence, reply.status))
+            self._tell(caller, Answer(reply.done, reply.sentence, reply.status, reply.is_unusable))
 
     def close(self) -> None:
         """Close the socket and every call, and release the lock."""
@@ -114,7 +114,7 @@ class ControlSocket:
     def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | None:
         order = read_order(line)
         if isinstance(order, str):
-            self._tell(caller, Answer(done=False, sentence=order))
+            self._tell(caller, Answer(done=False, sentence=order, is_unusable=True))
             return None
         self._number += 1
         self._awaiting_answer[self._number] = caller

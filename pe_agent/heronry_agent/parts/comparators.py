@@ -60,7 +60,7 @@ class Comparator(Module):
 
 
 class ComparatorBetter(Comparator):
-    """Gives the better version while the two disagree, too; a subclass sets the attributes."""
+    """Gives the better version, also while the two disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> float:  # noqa: ARG002 - the other one is not wanted
         """Choose the better version."""

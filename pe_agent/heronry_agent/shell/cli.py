@@ -208,7 +208,7 @@ def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> 
     for (what, where), times in sorted(core.counts.items()):
         _print_note(Note("count", f"{what} ({where}): {times}"))
     for module, times in sorted(core.modules.schedule.overruns.items()):
-        _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+        _print_note(Note("count", f"steps of {table.module_names[module]} skipped: {times}"))
     for bus in links:
         if isinstance(bus, ReplicatedLink):
             _print_note(

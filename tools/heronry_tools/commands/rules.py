@@ -66,7 +66,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_SCHEMA_EPILOG,
     )
     schema.add_argument("format", nargs="?", choices=("dg", "pcs"), default="dg", help="default: dg, a spec")
-    add_output_file(schema)
+    add_output_file(schema, "JSON", ".json")
     schema.set_defaults(run=run_schema)
 
 

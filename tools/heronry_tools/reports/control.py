@@ -43,6 +43,8 @@ def _paths(components: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     for name, facts in components.items():
         if "on_path" in facts:
             yield f"plant {name}: {'on a control path' if facts['on_path'] else 'open, on no control path'}"
+    if not any("on_path" in facts for facts in components.values()):
+        yield "no member is a plant, so no control path is asked for ('plants' of a spec, 'plant: true' in a graph)"
     looped = [name for name, facts in components.items() if facts["on_loop"]]
     yield f"on a loop: {_listed(looped) or 'none'}"
     for condition in ("controllable", "observable"):

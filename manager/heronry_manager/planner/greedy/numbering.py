@@ -56,7 +56,8 @@ def numbered(spec: Spec) -> Numbering:
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
     """Give the kind and number of every element that can be down.
 
-    A channel has the number of its bus. A place has that of its module times the number of PEs, plus that of its PE.
+    A channel has the number of its bus. The number of a place is that of its module times the number of PEs, plus that
+    of its PE.
     """
     of_kind: dict[str, Mapping[str, int]] = {
         "pe": numbers.pe_number,

@@ -78,7 +78,7 @@ class _Prepared:
         self._punctuality = Punctuality(self._tables)
 
     def plan(self, now: Situation, running: Placement | None) -> Plan:
-        """Do what `Greedy.plan` does, in one of these phases."""
+        """Do what `Greedy.plan` does, in one of the phases that have the same inputs open."""
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))

@@ -113,9 +113,9 @@ class Repair:
         return False
 
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
-        """Return the other served functions, and for each whether it matters less.
+        """Return the other served functions, each with whether it matters less than `goal`.
 
-        First those on PEs where room is short.
+        Functions on PEs where room is short come first.
         """
         goals, short = self._wanted.goals, self._server.short
         number = goals.index(goal)

@@ -160,11 +160,10 @@ class Server:
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
-        """Put a running module into another mode, if all modules that read from it accept that.
+        """Put a running module into another mode; tell whether this was done.
 
-        Tell whether this was done.
-
-        may_worsen: do it even if a function loses value.
+        It is done only if all modules that read from the module accept the mode. may_worsen: also if a function loses
+        value.
         """
         draft, tables, weight = self.draft, self._tables, self._wanted.weight
         old, pe = draft.mode[module], draft.pe[module]

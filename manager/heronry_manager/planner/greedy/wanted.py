@@ -100,7 +100,10 @@ def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give weights of the classes A to E, such that the weighted priorities compare as level 1 does; E has weight 0."""
+    """Give weights of the classes A to E; E has weight 0.
+
+    With these weights the sums of priorities compare as level 1 does.
+    """
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):

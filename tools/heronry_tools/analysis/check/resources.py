@@ -205,7 +205,7 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Report the late data of a configuration that serves functions which no legal configuration serves."""
+        """Report the data that are late in a configuration; no legal configuration serves `served`."""
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):

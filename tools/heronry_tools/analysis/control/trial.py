@@ -14,9 +14,9 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The graphs before and after a script, equal where the script has errors.
+    """The graphs before and after a script; they are equal if the script has errors.
 
-    For a plan also why the result is illegal.
+    For a plan, also the reasons why the resulting configuration is not legal.
     """
 
     statements: int
@@ -39,7 +39,10 @@ def _on_plan(text: str, before: Graph, planned: Planned) -> Trial:
     if outcome.errors:
         return Trial(outcome.statements, outcome.errors, before, before, ())
     broken = [str(violation) for violation in verify(planned.spec, planned.now, outcome.configuration)]
-    no_wires = [f"{start} -> {end} is no wire: it must lead from what a module gives to an input of that variable, "
-                "and to each input only once" for start, end in outcome.no_wires]  # fmt: skip
+    no_wires = [
+        f"{start} -> {end} is no wire: it must lead from what a running module gives to an input of that variable, "
+        "and to each input only once"
+        for start, end in outcome.no_wires
+    ]
     after = plan_graph(planned.spec, outcome.configuration)
     return Trial(outcome.statements, (), before, after, [*no_wires, *broken])

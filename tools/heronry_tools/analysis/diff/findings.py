@@ -14,7 +14,7 @@ from heronry_tools.analysis.check.registry import RULES, checks_of
 
 @dataclass(frozen=True, slots=True)
 class FindingsChange:
-    """Findings that a change brings, and those that it ends, each in its spec; how many stay."""
+    """Findings that are new in the new spec, findings of the old spec that are gone, and the number that stay."""
 
     old: Assessed
     new: Assessed

@@ -42,7 +42,7 @@ class Address:
             raise
         except OSError as error:
             self.listener.close()
-            raise HubError(f"{path}: no hub can run there: {error.strerror or error}") from error
+            raise HubError(f"{path}: no bus can run there: {error.strerror or error}") from error
         self.listener.setblocking(False)
 
     def close(self) -> None:
@@ -79,4 +79,4 @@ def _clear(path: Path) -> None:
             return
         except BlockingIOError:
             pass  # it listens, and is busy
-    raise HubError(f"{path}: a hub runs there already; use it, or choose another path")
+    raise HubError(f"{path}: a bus runs there already; use it, or choose another path")

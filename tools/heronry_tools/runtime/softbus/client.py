@@ -27,7 +27,7 @@ import can
 from can.typechecking import AutoDetectedConfig, CanFilters
 
 from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
-from heronry_tools.runtime.softbus.place import DEFAULT_NAME, how_to_start, path_to_call
+from heronry_tools.runtime.softbus.place import DEFAULT_NAME, BusNameError, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
@@ -122,7 +122,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the hub sent what is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus sent what is no frame: {received.reason}")
         frame = received.frame
         return StampedMessage(
             received.time_ns,
@@ -168,12 +168,12 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
                 answer = link.ask(hello, hub_end)
                 hub_bitrate, day_offset_ns = answer["bitrate"], int(answer["day_offset_ns"])
-            except can.CanOperationError as error:
+            except (can.CanOperationError, BusNameError) as error:
                 raise can.CanInitializationError(str(error)) from error
             except RuntimeFolderError as error:
                 raise can.CanInitializationError(f"{error}: name the bus by a path") from error
             except OSError as error:
-                reason = f"{path}: no hub answers there ({error.strerror or error}); {how_to_start(path)}"
+                reason = f"{path}: no bus answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error
         if bitrate not in {None, hub_bitrate}:
             remedy = "leave the bit rate out, or give the same"

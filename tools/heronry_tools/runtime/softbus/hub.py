@@ -129,7 +129,7 @@ class Hub:
         match decode_command(record), descriptors:
             case {"do": "hello", "protocol": version, "own": bool(own)}, [descriptor]:
                 if version != PROTOCOL_VERSION:
-                    problem = f"the hub speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
+                    problem = f"the bus speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
                 elif len(self._ports) > MAX_CLIENTS:
                     problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit"
                 elif port.join(descriptor, wants_own=own):

@@ -71,7 +71,7 @@ class Link:
             self._commands += 1
             while self._answered < self._commands:
                 if not self._take_in(deadline_s):
-                    raise CanOperationError(f"{self._path}: the hub does not answer")
+                    raise CanOperationError(f"{self._path}: the bus does not answer")
             return self._answer
 
     def close(self) -> None:
@@ -114,9 +114,9 @@ class Link:
     def _checked(self, record: bytes) -> dict[str, Any]:
         answer = decode_command(record)
         if isinstance(answer, Malformed):
-            raise CanOperationError(f"{self._path}: the hub's answer is not understood: {answer.reason}")
+            raise CanOperationError(f"{self._path}: the bus's answer is not understood: {answer.reason}")
         if "refused" in answer:
-            raise CanOperationError(f"{self._path}: the hub refuses this client: {answer['refused']}")
+            raise CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
         return answer
 
 
@@ -145,4 +145,4 @@ def deadline_after(timeout_s: float | None) -> float | None:
 
 def hub_is_gone(path: str) -> CanOperationError:
     """Return the error for a hub that has ended, or for a bus that this process has shut down."""
-    return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)}")
+    return CanOperationError(f"{path}: the bus is gone; {how_to_start(path)}")

@@ -46,7 +46,7 @@ class HubProcess:
         if not self._process.stdout.readline():
             _, reason = self._process.communicate()
             last = reason.strip().rpartition("\n")[2].removeprefix("heronry: ")
-            raise HubError(last or "the hub ended without a message")
+            raise HubError(last or "the bus ended without a message")
 
     @property
     def pid(self) -> int:
@@ -66,9 +66,9 @@ class HubProcess:
             _, complaint = self._process.communicate(timeout=_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise HubError(f"the hub at {self.path} did not stop and was killed") from None
+            raise HubError(f"the bus at {self.path} did not stop and was killed") from None
         if self._process.returncode > 0:
-            raise HubError(f"the hub at {self.path} failed: {complaint.strip()}")
+            raise HubError(f"the bus at {self.path} failed: {complaint.strip()}")
 
     def __enter__(self) -> Self:
         return self

@@ -38,7 +38,7 @@ def busybox(job: "Job", *words: str) -> None:
 
 
 def mount_system(job: "Job") -> None:
-    """Give the guest a system of its own over the host's files. The kernel has mounted /dev already."""
+    """Mount the guest's own /proc, /sys and the like over the host's files; the kernel has mounted /dev already."""
     for kind, place in MOUNTS:
         os.makedirs(place, exist_ok=True)
         busybox(job, "mount", "-t", kind, kind, place)
@@ -133,7 +133,10 @@ def carry_out(job: "Job") -> "Result":
 
 
 def main() -> None:
-    """Do the job whose file is the one argument, then power off. The result file gets its name when it is complete."""
+    """Do the job whose file is the only argument, then power off.
+
+    The result is written under another name, and gets its own name when it is complete.
+    """
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)
     result = carry_out(job)

@@ -104,7 +104,7 @@ def _modules(kernel: Path) -> list[str]:
 
 
 def _build_xstate(library: Path) -> None:
-    """Compile xstate.c, whose head says what it is for; it takes milliseconds, so it is made anew each time."""
+    """Compile xstate.c (its head says what it is for); this takes milliseconds, so the result is not kept."""
     tcc = debian_packages.unpacked("tcc")
     runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
     source = Path(__file__).with_name("xstate.c")

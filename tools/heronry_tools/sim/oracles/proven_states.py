@@ -32,7 +32,7 @@ class ProvenStates:
             opened.append(Session(manager, control.term, control.a << 16 | control.b))
 
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
-        """Give the page with the digest that its tag proves, out of `digests`; with 0 where the tag proves none."""
+        """Give the page with the one of `digests` that its tag proves; with 0 if the tag proves none of them."""
         said, tag = split_state(page.encode())
         sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
         for session in reversed(sessions):

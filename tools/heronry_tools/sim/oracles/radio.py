@@ -107,7 +107,7 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Give the largest share reported of late; None where the radio was gone or nothing was reported."""
+        """Give the largest share that was reported lately; None if the radio was gone or nothing was reported."""
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
             return None

@@ -239,7 +239,7 @@ class ServiceCheck(Oracle):
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Say what an epoch serves, if that is less than a plan for this situation serves; else None."""
+        """Give a sentence if an epoch serves less than a plan for this situation serves; else None."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)

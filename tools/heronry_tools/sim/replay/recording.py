@@ -31,7 +31,7 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A step that a manager took towards a configuration, at `t_ns`; two decisions are equal whatever their times."""
+    """A step that a manager took towards a configuration, at `t_ns`; the time does not count when two are compared."""
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE

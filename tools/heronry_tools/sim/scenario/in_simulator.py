@@ -74,7 +74,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, to its end.
 
-    Gives for each deed the number of events before it, and its line of the trace.
+    Gives for each deed of the script how many events came before it, and its line of the trace.
     """
     _begin(flight, script)
     start_ns = _start_ns(flight)
