@@ -104,26 +104,38 @@ class HeadEncoder(Module):
 
 
 class SurfaceSensor(Module):
-    """Angle of a surface (deg), under the name of the device's surface."""
+    """Position of a surface in its unit."""
 
-    surface: ClassVar[str]
+    names: ClassVar[str]
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
-        """Publish the angle."""
+        """Publish the position."""
         reading = self.ctx.read()
-        return {f"{self.surface}_angle": float(reading)} if isinstance(reading, (int, float)) else {}
+        return {self.names: float(reading)} if isinstance(reading, (int, float)) else {}
 
 
 class ElevatorSensor(SurfaceSensor):
     """The elevator's angle."""
 
-    surface = "elevator"
+    names = "elevator_angle"
 
 
 class AileronSensor(SurfaceSensor):
     """The aileron's angle."""
 
-    surface = "aileron"
+    names = "aileron_angle"
+
+
+class RudderSensor(SurfaceSensor):
+    """The rudder's angle."""
+
+    names = "rudder_angle"
+
+
+class ThrottleSensor(SurfaceSensor):
+    """The throttle's position, 0 to 1."""
+
+    names = "throttle_position"
 
 
 class _Servo(Module):
@@ -131,7 +143,7 @@ class _Servo(Module):
 
     demand: ClassVar[str]
     limit: ClassVar[float] = 25.0
-    echo: ClassVar[str | None] = None
+    echo: ClassVar[str]
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -145,7 +157,7 @@ class _Servo(Module):
         if self._command is None:
             return {}
         self.ctx.write(self._command)
-        return {self.echo: self._command} if self.echo is not None else {}
+        return {self.echo: self._command}
 
 
 class ElevatorServo(_Servo):
@@ -163,13 +175,13 @@ class AileronServo(_Servo):
 class RudderServo(_Servo):
     """Angle in deg, positive for a yaw to the left."""
 
-    demand = "rudder_demand"
+    demand, echo = "rudder_demand", "rudder_command"
 
 
 class Throttle(_Servo):
     """Share of full thrust."""
 
-    demand, limit = "throttle_demand", 1.0
+    demand, echo, limit = "throttle_demand", "throttle_command", 1.0
 
 
 class PanTilt(Module):

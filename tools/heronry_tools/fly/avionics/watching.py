@@ -22,9 +22,7 @@ NS_PER_S = 1_000_000_000
 WINDOW_S = 1.0
 MOST_M = 1.5
 IN_A_ROW = 3
-APART_DEG = 3.0
 APART_FOR_S = 0.15
-_SERVO_DEG_PER_S = 300.0
 _LAG_PERIODS = 6  # between a command and the sight of its angle
 _APPROACH_TENTH_MRAD = (0, 800)
 _FORGETS_NS = 1_000_000_000
@@ -71,6 +69,9 @@ class SurfaceMonitor(Module):
     """Reports the servo of a surface that does not stand where it was commanded to."""
 
     surface: ClassVar[str]
+    position: ClassVar[str] = "angle"
+    apart: ClassVar[float] = 3.0  # this and the rate in the unit of the surface
+    rate_per_s: ClassVar[float] = 300.0
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -80,7 +81,7 @@ class SurfaceMonitor(Module):
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compare the angle with those of a servo that follows its commands."""
-        angle, command = number(inputs, f"{self.surface}_angle"), number(inputs, f"{self.surface}_command")
+        angle, command = number(inputs, f"{self.surface}_{self.position}"), number(inputs, f"{self.surface}_command")
         if angle is None or command is None:
             return {}
         version, period_s = inputs[f"{self.surface}_command"].version, self.ctx.period_ns / NS_PER_S
@@ -89,8 +90,8 @@ class SurfaceMonitor(Module):
             self._expected.clear()
             self._expected.append(angle)
         last = self._expected[-1]
-        self._expected.append(last + held(command - last, _SERVO_DEG_PER_S * period_s))
-        follows = min(self._expected) - APART_DEG <= angle <= max(self._expected) + APART_DEG
+        self._expected.append(last + held(command - last, self.rate_per_s * period_s))
+        follows = min(self._expected) - self.apart <= angle <= max(self._expected) + self.apart
         self._apart_s = 0.0 if follows else self._apart_s + period_s
         if self._apart_s > APART_FOR_S:
             self.ctx.report_failed(f"device:{self.surface}_{version}")
@@ -107,6 +108,18 @@ class AileronMonitor(SurfaceMonitor):
     """Watches the aileron."""
 
     surface = "aileron"
+
+
+class RudderMonitor(SurfaceMonitor):
+    """Watches the rudder."""
+
+    surface = "rudder"
+
+
+class ThrottleMonitor(SurfaceMonitor):
+    """Watches the throttle."""
+
+    surface, position, apart, rate_per_s = "throttle", "position", 0.1, 2.0
 
 
 class TrackingHead(Module):

@@ -8,7 +8,7 @@ Devices, and the reading of each sensor (whole numbers, as such devices give the
     gps                      x, y, height (mm), height with a bias of 3.5 to 7 m
     camera                   azimuth, elevation (0.1 mrad), age of the image (ms); empty before the first image
     head_encoder             azimuth, elevation (0.1 mrad) to which the head points
-    elevator_sensor, aileron_sensor     angle of the surface (deg)
+    elevator_sensor, aileron_sensor, rudder_sensor    angle of the surface (deg); throttle_sensor    0 to 1
 
     elevator_1, elevator_2, aileron_1, aileron_2, rudder_1, rudder_2    angle (deg); throttle_1, throttle_2    0 to 1
     pan_tilt                 azimuth, elevation (0.1 mrad) demanded of the head
@@ -32,7 +32,7 @@ CENTRE_ABOVE_WHEELS_M = 0.30
 FIRST_SURFACE_DEG = {"elevator": 25.0, "aileron": 20.0, "rudder": 25.0}
 DEVICES = (
     *("ins_1", "ins_2", "pitot_1", "pitot_2", "differential_receiver", "gps", "camera", "head_encoder"),
-    *("elevator_sensor", "aileron_sensor"),
+    *("elevator_sensor", "aileron_sensor", "rudder_sensor", "throttle_sensor"),
 )  # the sensors
 _SURFACE_DEG_PER_S = 300.0
 _THROTTLE_PER_S = 2.0

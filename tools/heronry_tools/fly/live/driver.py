@@ -71,3 +71,7 @@ class FlightDriver:
         except OSError:
             return False
         return True
+
+    def close(self) -> None:
+        """Close the socket; the agent ends with its driver open."""
+        self._socket.close()
