@@ -30,14 +30,18 @@ def writer(tmp_path):
 
 
 @pytest.fixture
-def driver(tmp_path, writer):
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as commands:
-        commands.bind(str(tmp_path / COMMANDS))
-        writer.write(snapshot(pitot_1=17.5, ins_1=(1, 2, 3), gps=None))
-        made = FlightDriver(0, {FOLDER: str(tmp_path)})
-        made.commands = commands
-        yield made
-        made.close()
+def commands(tmp_path):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / COMMANDS))
+        yield listener
+
+
+@pytest.fixture
+def driver(tmp_path, writer, commands):
+    writer.write(snapshot(pitot_1=17.5, ins_1=(1, 2, 3), gps=None))
+    made = FlightDriver(0, {FOLDER: str(tmp_path)})
+    yield made
+    made.close()
 
 
 def test_what_was_written_last_is_read(tmp_path, writer):
@@ -66,16 +70,16 @@ def test_readings_of_a_plant_process_that_is_gone_are_none(driver):
     assert driver.open("pitot_1").read(NOW_NS + 600_000_000).value is None
 
 
-def test_a_command_reaches_the_plant_process_and_a_stuck_servo_takes_none(driver):
+def test_a_command_reaches_the_plant_process_and_a_stuck_servo_takes_none(driver, commands):
     assert driver.open("aileron_1").command(3.5, NOW_NS) == 3.5
-    assert json.loads(driver.commands.recv(4096)) == ["aileron_1", 3.5]
+    assert json.loads(commands.recv(4096)) == ["aileron_1", 3.5]
     assert driver.open("elevator_1").command(3.5, NOW_NS) is None
     driver.open("aileron_1").make_safe(NOW_NS)
     assert driver.follows(["ins_1"]) == frozenset()
 
 
-def test_without_a_listener_a_command_is_not_taken(driver):
-    driver.commands.close()
+def test_without_a_listener_a_command_is_not_taken(driver, commands):
+    commands.close()
     assert driver.open("aileron_1").command(3.5, NOW_NS) is None
 
 
