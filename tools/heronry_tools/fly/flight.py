@@ -13,12 +13,13 @@ from typing import Any, cast
 from heronry_agent.module import Value
 from heronry_dg.model import Spec
 from heronry_manager.core.vocabulary import EnterPhase
+from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.avionics.flight_management import Stage
 from heronry_tools.fly.dynamics.on_final import eav_on_final
 from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.mission import Blow, Landing, Mission
 from heronry_tools.fly.observation import LABELS, Observer
-from heronry_tools.fly.plant import NS_PER_S, Failure, FlightPlant
+from heronry_tools.fly.plant import NS_PER_S, FlightPlant
 from heronry_tools.fly.record import FlightRecord, Recorder
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation

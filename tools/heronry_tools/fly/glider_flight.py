@@ -8,12 +8,13 @@ import hashlib
 from typing import Any, cast
 
 from heronry_dg.model import Spec
+from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.dynamics.big_blue import BigBluePlant
 from heronry_tools.fly.dynamics.moving_air import MovingAir
 from heronry_tools.fly.flight import ReleasedPlant
 from heronry_tools.fly.glider_mission import GliderLanding, GliderMission
 from heronry_tools.fly.mission import Blow
-from heronry_tools.fly.plant import NS_PER_S, Failure, Truth
+from heronry_tools.fly.plant import NS_PER_S, Truth
 from heronry_tools.fly.record import FlightRecord, Recorder
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation

@@ -10,14 +10,13 @@ right of the centre line (m), height of the wheels above the runway (m). The lan
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from heronry_agent.module import Value
+from heronry_tools.aircraft.plant.interface import Failure
 
 STEPS_PER_S = 120
 NS_PER_S = 1_000_000_000
-
-Failure = Literal["dead", "stuck", "bias", "loose"]
 
 
 @dataclass(frozen=True, slots=True)

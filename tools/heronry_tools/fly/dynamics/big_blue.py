@@ -30,10 +30,11 @@ from heronry_tools.aircraft.images.guidance import (
     M_PER_DEG_LATITUDE,
 )
 from heronry_tools.aircraft.plant.devices import GPS_PERIOD_NS, SENSORS, WING_SUPPLY_HPA, Surroundings, reading
+from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.aircraft.plant.mechanism import Mechanism
 from heronry_tools.aircraft.plant.noise import noise
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
-from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Failure, Truth
+from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Truth
 from heronry_tools.fly.servos import Servos, Surface
 
 Start = Literal["ascent", "deployment", "glide", "landing"]

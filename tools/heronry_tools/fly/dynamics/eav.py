@@ -21,10 +21,11 @@ from collections.abc import Callable
 from random import Random
 
 from heronry_agent.module import Value
+from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.camera import Camera, angles_rad
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
 from heronry_tools.fly.latency import LatencyProbe
-from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Failure, Truth
+from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Truth
 from heronry_tools.fly.sensors import SensorError
 from heronry_tools.fly.servos import Servos, Surface
 

@@ -18,6 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
+from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.acceptance import causes
 from heronry_tools.fly.dynamics.eav import DEVICES
 from heronry_tools.fly.dynamics.on_final import eav_on_final
@@ -25,7 +26,7 @@ from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.live.driver import COMMANDS, READINGS
 from heronry_tools.fly.live.shared_readings import Snapshot, Writer
 from heronry_tools.fly.mission import Mission
-from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Failure
+from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S
 from heronry_tools.fly.record import Recorder
 
 _STEP_NS = NS_PER_S // STEPS_PER_S
