@@ -84,7 +84,7 @@ def test_without_a_listener_a_command_is_not_taken(driver, commands):
 
 
 def test_the_plant_process_waits_for_the_first_command_and_tells_how_it_ended(tmp_path):
-    mission = {"seed": 1, "wind": 3.0, "corrections_lost_s": None, "longest_s": 0.5, "probed": False}
+    mission = {"seed": 1, "wind": 3.0, "corrections_lost_s": None, "longest_s": 0.5, "probed": False, "record": None}
     process = subprocess.Popen(
         [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(tmp_path), json.dumps(mission)],
         stdin=subprocess.PIPE,
@@ -99,9 +99,11 @@ def test_the_plant_process_waits_for_the_first_command_and_tells_how_it_ended(tm
         height_m = devices.reader.newest().height_m
         time.sleep(0.1)
         assert devices.reader.newest().height_m == height_m, "it waits"
+        assert devices.reader.newest().readings["ins_1"][-3:] == (0, 0, 0)
         process.stdin.write('{"fail": "aileron_1", "how": "stuck"}\n')
         process.stdin.flush()
-        devices.open("elevator_1").command(-20.0, NOW_NS)
+        for servo in ("elevator_1", "aileron_2", "rudder_1", "throttle_2"):
+            devices.open(servo).command(0.5, NOW_NS)
         assert "released_ns" in json.loads(process.stdout.readline())
         end = json.loads(process.stdout.readline())
         assert end["causes"] == ["not landed"]

@@ -42,7 +42,7 @@ class Approach:
                 angles = [
                     a + b + self.chance.gauss(0, 0.0015) for a, b in zip(seen_rad(then), self.bias_rad, strict=True)
                 ]
-                self.filter.use_image(*(a + off_rad for a in angles), self.now_ns - 200_000_000)
+                self.filter.use_image(angles[0] + off_rad, angles[1] + off_rad, self.now_ns - 200_000_000)
         return self
 
     def height_error(self):
@@ -72,7 +72,8 @@ def test_a_late_image_is_compared_with_the_position_at_its_exposure(told_late_ns
         if step == 32:
             exposed = tuple(tracking.state[:3])
     before = tracking.state[H]
-    tracking.use_image(*seen_rad(exposed), 40 * STEP_NS - told_late_ns)
+    azimuth, elevation = seen_rad(exposed)
+    tracking.use_image(azimuth, elevation, 40 * STEP_NS - told_late_ns)
     assert abs(tracking.state[H] - before) >= moves_m
     assert told_late_ns == 0 or abs(tracking.state[H] - before) < 1e-6
 

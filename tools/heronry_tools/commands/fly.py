@@ -154,16 +154,18 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from heronry_tools.fly.kinds import aircraft_of  # noqa: PLC0415
     from heronry_tools.fly.live.flight import fly_live  # noqa: PLC0415
 
-    unfit = ("compiled", "judged", "must_land", "phase", "record", "report", "act")
+    unfit = ("compiled", "judged", "must_land", "phase", "report", "act")
     for name in unfit:
         if getattr(arguments, name):
             raise UserError(f"--{name.replace('_', '-')} is for flights in virtual time; leave --live out")
+    if arguments.record is not None and arguments.runs > 1:
+        raise UserError("--record writes the record of one flight; leave --runs out")
     spec = load_spec_file(arguments.spec)
     if aircraft_of(spec) != "eav":
         raise UserError("--live: only the EAV's flight has processes of its own; big_blue flies live by 'heronry demo'")
     drawn, ends = _drawn(spec, arguments), []
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        ends.append(fly_live(spec, spec_path(arguments.spec), drawn.of(spec, seed)))
+        ends.append(fly_live(spec, spec_path(arguments.spec), drawn.of(spec, seed), arguments.record))
         print(json.dumps(ends[-1]) if arguments.json else _live_line(ends[-1]), flush=True)
     acceptable = sum(end["acceptable"] for end in ends)
     figures = {

@@ -37,6 +37,7 @@ _FLARE_M_PER_S = -0.5
 _CLIMB_M_PER_S = 2.0
 _RAD_PER_M = 0.016  # course by distance from the centre line
 _COURSE_LIMIT_DEG = 20.0
+_FLIES_M_PER_S = 5.0  # a slower one stands, or is held
 _LONGEST_M = 110.0  # an estimated landing point beyond this is too far to be mended below the decision height
 
 
@@ -151,7 +152,7 @@ class FlightManagementSystem(Module):
             return {}
         ground_speed = math.hypot(north, east)
         airspeed = number(inputs, "airspeed")
-        headwind = 0.0 if airspeed is None else airspeed - ground_speed
+        headwind = 0.0 if airspeed is None or ground_speed < _FLIES_M_PER_S else airspeed - ground_speed
         self.known = Situation(x, y, height, ground_speed, headwind)
         commands = self.management.step(self.known, mode=self._mode)
         return {

@@ -31,6 +31,7 @@ from heronry_tools.fly.servos import Servos, Surface
 
 CENTRE_ABOVE_WHEELS_M = 0.30
 FIRST_SURFACE_DEG = {"elevator": 25.0, "aileron": 20.0, "rudder": 25.0}
+INERTIAL_UNITS = ("ins_1", "ins_2")
 DEVICES = (
     *("ins_1", "ins_2", "pitot_1", "pitot_2", "differential_receiver", "gps", "camera", "head_encoder"),
     *("elevator_sensor", "aileron_sensor", "rudder_sensor", "throttle_sensor"),
@@ -39,7 +40,7 @@ _SURFACE_DEG_PER_S = 300.0
 _THROTTLE_PER_S = 2.0
 _HEAD_RAD_PER_S = 1.5
 _HEAD_START_RAD = (0.0, 0.08)
-_TRIM_THROTTLE = 0.25
+_FULL_TRIM = 1  # JSBSim's name for all axes
 _INERTIAL_EVERY = 3  # steps of the model between two samples: 40 Hz
 _POSITION_EVERY = 12  # 10 Hz
 _FAST_S, _SLOW_S = _INERTIAL_EVERY / STEPS_PER_S, _POSITION_EVERY / STEPS_PER_S
@@ -100,14 +101,16 @@ class EavPlant:
             airspeed_m_per_s=airspeed_m_per_s,
             heading_deg=0.0,
         )
+        elevator_deg, throttle = self._trimmed()
         if air is not None:
             air.begin(self._model)
         self._steps = 0
         self._failed: dict[str, tuple[Failure, Value | None, float]] = {}
         self._readings: dict[str, Value] = {}
         surfaces = {name: Surface(-limit, limit, _SURFACE_DEG_PER_S) for name, limit in FIRST_SURFACE_DEG.items()} | {
-            "throttle": Surface(0.0, 1.0, _THROTTLE_PER_S, _TRIM_THROTTLE, _TRIM_THROTTLE)
+            "throttle": Surface(0.0, 1.0, _THROTTLE_PER_S, throttle, throttle)
         }
+        surfaces["elevator"].position = surfaces["elevator"].target = elevator_deg
         self.servos = Servos(surfaces, {f"{name}_{number}": name for name in surfaces for number in (1, 2)})
         self.head_rad, self._head_demand_rad = _HEAD_START_RAD, _HEAD_START_RAD
         self.camera = Camera(seed)
@@ -198,6 +201,14 @@ class EavPlant:
 
     # The world
 
+    def _trimmed(self) -> tuple[float, float]:
+        """Trim for level flight without wind; give the elevator's angle and the throttle for it."""
+        fdm = self._model.fdm
+        fdm.do_trim(_FULL_TRIM)
+        elevator_deg = fdm["fcs/pitch-trim-cmd-norm"] * FIRST_SURFACE_DEG["elevator"]
+        fdm["fcs/pitch-trim-cmd-norm"] = 0.0
+        return elevator_deg, fdm["fcs/throttle-cmd-norm"]
+
     def _step(self) -> None:
         model, fdm, servos = self._model, self._model.fdm, self.servos
         dt_s = 1.0 / STEPS_PER_S
@@ -233,7 +244,7 @@ class EavPlant:
         exact = [fdm[name] * factor for name, factor, _, _ in _INERTIAL]
         if self._probe is not None:
             exact[_PITCH_RATE] += 1000.0 * self._probe.offset_deg_per_s(self._steps * NS_PER_S // STEPS_PER_S)
-        for unit in ("ins_1", "ins_2"):
+        for unit in INERTIAL_UNITS:
             self._readings[unit] = tuple(round(value + error(f"{unit}/{i}")) for i, value in enumerate(exact))
         airspeed = fdm["velocities/vt-fps"] * M_PER_FT
         for unit in ("pitot_1", "pitot_2"):
@@ -273,7 +284,7 @@ class EavPlant:
     def _drawn_errors(self, seed: int) -> dict[str, SensorError]:
         chance = Random(f"{seed} biases")
         errors = {}
-        for unit in ("ins_1", "ins_2"):
+        for unit in INERTIAL_UNITS:
             for i, (_, _, white, bias) in enumerate(_INERTIAL):
                 name = f"{unit}/{i}"
                 errors[name] = SensorError(seed, name, white=white, bias=chance.gauss(0.0, bias), period_s=_FAST_S)

@@ -30,8 +30,11 @@ _LONGEST_START_S = 60.0
 _LOOK_S = 0.05
 
 
-def fly_live(spec: Spec, spec_file: Path, mission: Mission) -> dict[str, Any]:
-    """Fly a mission; gives what the plant process tells at the end. Raises UserError where a process ends early."""
+def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | None = None) -> dict[str, Any]:
+    """Fly a mission; gives what the plant process tells at the end. Raises UserError where a process ends early.
+
+    record_file: gets the record of the flight as JSON.
+    """
     unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
     if unfit:
         raise UserError(f"--kill {unfit[0]}: with --live a PE or a device can fail, and no bus")
@@ -40,7 +43,7 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission) -> dict[str, Any]:
         fleet = stack.enter_context(
             Fleet(spec, spec_file, folder, device_driver=DRIVER, environment={FOLDER: str(folder)})
         )
-        plant = stack.enter_context(_Plant(folder, mission))
+        plant = stack.enter_context(_Plant(folder, mission, record_file))
         choices = choose(spec, folder, {}, None, prefer_vcan=False)
         fleet.start_buses(choices)
         events = fleet.start_manager()
@@ -53,13 +56,14 @@ def fly_live(spec: Spec, spec_file: Path, mission: Mission) -> dict[str, Any]:
 class _Plant:
     """The plant process."""
 
-    def __init__(self, folder: Path, mission: Mission) -> None:
+    def __init__(self, folder: Path, mission: Mission, record_file: Path | None) -> None:
         form = {
             "seed": mission.seed,
             "wind": mission.strongest_wind_m_per_s,
             "corrections_lost_s": mission.corrections_lost_s,
             "longest_s": mission.longest_s,
             "probed": mission.probed,
+            "record": None if record_file is None else str(record_file.resolve()),
         }
         self._process = subprocess.Popen(
             [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(folder), json.dumps(form)],
