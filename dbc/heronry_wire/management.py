@@ -98,6 +98,7 @@ class FaultCode(IntEnum):
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
+    UNKNOWN_OUTPUT = 0xFF0D  # a module has given an output that no mode has, in place of one of its mode
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 
@@ -235,7 +236,7 @@ class Activate:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Command a PE to send pages 0 and 1 of its state now; node 0 addresses all PEs."""
+    """Command a PE to send pages 0 and 1 of its state now; node 0 means all PEs."""
 
     term: int
     node: int
@@ -248,7 +249,7 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """An operation on one PE, or on all with node 0."""
+    """An operation on one PE, or on all PEs with node 0."""
 
     term: int
     node: int
@@ -273,7 +274,7 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give the a and b of the ACKNOWLEDGE that belongs to this report."""
+        """Give the fields `a` and `b` of the ACKNOWLEDGE that answers this report."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
@@ -419,7 +420,7 @@ def slice_node(data: bytes) -> int:
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Term of an ALIVE, and whether it names `node` (92..125): all that a PE needs of it. None for a wrong length."""
+    """Read what a PE needs of an ALIVE: its term, and whether it names `node` (92..125). None for a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 

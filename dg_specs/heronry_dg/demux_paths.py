@@ -2,12 +2,12 @@
 
 A branch of a DEMUX may be the first of several modules on the way to an actuator. Then the DEMUX names in `to` the
 modules at which its paths end, and a function is served only when such an end runs. This file decides which modules
-*belong* to a branch (docs/semantics.md, section 2): they can run, and cannot without the branch. What can run is
-computed for a spec with all elements up and resources without end: the greatest set of (module, mode) in which each
-module has a PE, and the needs of each mode can be met from the set. Feedback counts as a supply.
+*belong* to a branch (docs/semantics.md, section 2): modules that can run, but cannot run without the branch. What can
+run is computed for a spec with all elements up and unlimited resources. It is the greatest set of (module, mode) in
+which each module has a PE, and the set can meet the needs of each mode. Feedback counts as a supply.
 
 The search removes modes one by one, and looks again only at the readers of a datum that lost its last giver. So each
-branch costs a few passes over the spec at most.
+branch takes a few passes over the spec at most.
 
 Not known here: whether a path fits its PEs and buses. The planner knows that.
 """
@@ -27,7 +27,7 @@ _Datum = tuple[str, int]  # variable, version
 
 
 def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
-    """Check that `to` has one end for each branch, and that it is there where a function needs it."""
+    """Check that `to` has one end for each branch, and that `to` is given where a function needs it."""
     outputs = {function.output for function in spec.functions.values()}
     asked = [demux for demux in spec.demuxes.values() if demux.to or (demux.name in outputs and _bare(spec, demux))]
     if not asked:
@@ -94,7 +94,7 @@ class DemuxPaths:
     """Tells which modules of a spec can run at all, and which of them depend on a branch of a DEMUX."""
 
     def __init__(self, spec: Spec) -> None:
-        """Compute what can run with nothing failed."""
+        """Compute what can run when no module has failed."""
         self.spec = spec
         self._readers: dict[_Datum, list[tuple[Module, Mode]]] = {}
         for module in spec.modules.values():
@@ -136,7 +136,7 @@ class DemuxPaths:
         return self._without[failed]
 
     def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
-        """Remove the modes of failed modules, and then whatever no longer has what it needs."""
+        """Remove the modes of failed modules, and then all modes whose needs cannot hold any more."""
         falling = [
             (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
         ]
@@ -153,7 +153,7 @@ class DemuxPaths:
 
 
 class _Remains:
-    """What can still run, and how many of these modes give each datum."""
+    """What can still run, and for each datum the number of modules that still give it."""
 
     def __init__(self, modes: Collection[tuple[str, str]], givers: Counter[_Datum]) -> None:
         self.modes = set(modes)

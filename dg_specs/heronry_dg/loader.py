@@ -107,7 +107,10 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Switch the garbage collector off: loading makes no garbage, and repeated searches would take quadratic time."""
+    """Switch Python's garbage collector off while a spec is loaded.
+
+    Loading leaves no cyclic garbage, and repeated searches for garbage would take quadratic time.
+    """
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -267,7 +270,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """Give a value that cannot be None in a spec without findings."""
+    """Give `value`, which is not None in a spec without findings; raises an internal error if it is None."""
     if value is None:
         raise AssertionError("a spec without findings lacks a value")
     return value

@@ -171,7 +171,7 @@ class Function:
     def priority_in(self, phase: str | None) -> int:
         """Priority in a phase as the spec has it; 0: the function is not wanted.
 
-        `Situation.priority_of` gives the one that holds in flight.
+        `Situation.priority_of` gives the priority in flight, which a module may have changed.
         """
         return self.priority.get(phase, self.priority[None])
 
@@ -203,7 +203,10 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A part of the physical world: what moves it, what sees it, and which other parts it affects. No plan needs it."""
+    """A part of the physical world: what moves it, what sees it, and the plants that it affects.
+
+    Actuators move a plant, and sensors see it. No planner reads plants.
+    """
 
     name: str
     moved_by: tuple[str, ...] = ()  # actuators
@@ -255,9 +258,10 @@ class Spec:
         return next(iter(self.phases), None)
 
     def in_phase(self, phase: str | None) -> "Spec":
-        """Give the spec as a planner sees it in a phase: inputs of other phases (`only_in`) accept nothing.
+        """Give the spec as a planner sees it in a phase.
 
-        The same spec if no input is closed.
+        An input that `only_in` restricts to other phases accepts nothing. Where there is no such input, the result is
+        the same object.
         """
         closed = {
             module.name: module.in_phase(phase)

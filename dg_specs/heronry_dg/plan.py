@@ -3,9 +3,9 @@
 The report (`plan_report`: functions, PEs, buses) follows from the other parts, and is computed when it is read.
 `heronry plan` writes a plan as a JSON file. These functions read such a file:
 
-    read_plan            everything, of a plan of this project; objective and report are computed anew
-    read_situation       phase, faults, limits and changed priorities; a missing one is that of a healthy system in the
-                         first phase, with the priorities of the spec
+    read_plan            the whole plan, which heronry must have written; objective and report are computed anew
+    read_situation       phase, faults, limits and changed priorities; what the file lacks is taken from a healthy
+                         system in the first phase, with the priorities of the spec
     read_configuration   only `modules`, since a plan to be verified may come from any planner
     read_running         only `pe` and `mode` of each module: the placement that runs now
 
@@ -52,7 +52,7 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective, with the bound of what it could be when all levels above keep their values."""
+    """A level of the objective: its value, and the best value possible while all levels above keep theirs."""
 
     level: str
     value: int
@@ -129,9 +129,9 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is read.
 
-    bounds: how good each level could be; None: for an optimal plan the values themselves, for another plan not known.
-    reasons: why functions are not served, where the planner knows more than `why_not`.
-    Every name in the configuration must exist in the spec.
+    bounds: the best possible value of each level. None: an optimal plan's own values, and unknown for another plan.
+    reasons: why functions are not served, where the planner knows more than `why_not`. Every name in the configuration
+    must exist in the spec.
     """
     in_order = Configuration(
         {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}
@@ -221,7 +221,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
     if claimed != _objective_json(objective):
-        raise PlanError("objective does not fit the plan's configuration: plan again")
+        raise PlanError("the plan's objective does not fit its configuration: plan again")
     optimal = _field(document, "optimal", bool, "the plan")
     made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
     return replace(made, levels=_claimed_levels(document, made.levels)) if "levels" in document else made
@@ -232,9 +232,9 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
-        raise PlanError("levels are not those of the plan's objective: plan again")
+        raise PlanError("the plan's levels are not those of its objective: plan again")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
-        raise PlanError("optimal does not agree with the plan's levels: plan again")
+        raise PlanError("the plan's 'optimal' does not agree with its levels: plan again")
     return levels
 
 
@@ -250,7 +250,7 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read the situation of a plan; what is missing is that of a healthy system in the first phase."""
+    """Read the situation of a plan file; what the file lacks is taken from a healthy system in the first phase."""
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):

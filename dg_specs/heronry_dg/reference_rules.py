@@ -102,7 +102,7 @@ class _ReferenceRules:
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def plants(self) -> None:
-        """What moves a plant are actuators, what sees it sensors, what it affects plants."""
+        """Check that actuators move each plant, that sensors see it, and that it affects plants."""
         for plant, form in _whole(self._draft.plants):
             self._names(plant, "affects", form.affects, "plant", self._draft.plants)
             for field, names, kind in (("moved_by", form.moved_by, "actuator"), ("seen_by", form.seen_by, "sensor")):
@@ -264,13 +264,13 @@ class _ReferenceRules:
 
 
 class _Forest:
-    """Sets of connected things (union-find)."""
+    """Sets of names that are connected (union-find)."""
 
     def __init__(self) -> None:
         self._parents: dict[str, str] = {}
 
     def join(self, one: str, other: str) -> bool:
-        """Connect two things; False if they were already connected."""
+        """Connect two names; False if they were already connected."""
         a, b = self._root(one), self._root(other)
         self._parents[a] = b
         return a != b
@@ -286,7 +286,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
     """Convert an `initial` of the file to its value in the model; raises TypeError for a value of no data type."""
     match value:
         case bool() | dict():
-            raise TypeError(f"no data type carries {shown(value)}")
+            raise TypeError(f"no data type can carry {shown(value)}")
         case list() if all(isinstance(item, int) and not isinstance(item, bool) for item in value):
             return tuple(value)
         case Decimal():
@@ -294,7 +294,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
         case None | int() | str():
             return value
         case _:
-            raise TypeError("only whole numbers can be listed")
+            raise TypeError("a list must have whole numbers alone")
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:

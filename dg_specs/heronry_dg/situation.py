@@ -1,20 +1,20 @@
 """Situations: which elements are down or limited, and what they leave of the system.
 
-An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1). A
-*place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that PE, because its code is
-not there or it has failed there. A place exists where the module has two or more possible PEs, and the PE is one of
-them; `module:autopilot` is all its places at once. A `Situation` is an input (faults, limits, phase, priorities that
-differ from the spec's), and `Survivors` is computed from it. The devices of a PE that is down are out of use, and so
-are routes over that PE. A PE without a route to the manager's bus cannot be commanded and counts as down. If the
-manager's own bus is down, nothing is left.
+An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (channels
+are numbered from 1). A *place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that
+PE, because the module's code is not there or the module has failed there. A place exists where the module has two or
+more possible PEs, and the PE is one of them; `module:autopilot` is all its places at once.
 
-A changed priority replaces the spec's in every phase in which that is above 0. A changed priority of 0 makes the
-function unwanted; in a phase that does not want the function, nothing makes it wanted.
+A `Situation` is an input: faults, limits, phase, and priorities that differ from the spec's. `Survivors` is computed
+from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
+manager's bus cannot be commanded and counts as down. If the manager's own bus is down, nothing is left.
+
+A changed priority replaces the spec's priority in every phase in which the function is wanted. A changed priority of 0
+makes the function unwanted. In a phase that does not want the function, a changed priority has no effect.
 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -23,9 +23,11 @@ from fractions import Fraction
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
+from heronry_wire.spelling import close, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
+_LIKENESS = 0.75  # of an element whose kind is misspelt: a name of another kind may be as like as 0.7
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
@@ -106,9 +108,7 @@ def checked_element(spec: Spec, element: str) -> str:
     """Return `element` if the spec has it; raises UnknownElementError otherwise."""
     kind, colon, name = element.partition(":")
     if not colon or kind not in _KINDS:
-        raise UnknownElementError(
-            f"'{element}' is not an element; write KIND:NAME with KIND one of {', '.join(_KINDS)}"
-        )
+        raise UnknownElementError(f"'{element}' is not an element; {_what_was_meant(spec, element)}")
     names: Iterable[str] = {
         "pe": spec.pes,
         "device": spec.devices,
@@ -179,11 +179,16 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
     return element, share
 
 
+def _what_was_meant(spec: Spec, text: str) -> str:
+    """Give the element that a text without a kind, or with a misspelt one, may mean; else how to write one."""
+    known = elements(spec)
+    alone = [element for element in known if element.partition(":")[2] == text]
+    found = alone[0] if alone else close(text, known, _LIKENESS)
+    return f"did you mean '{found}'?" if found else f"write KIND:NAME with KIND one of {', '.join(_KINDS)}"
+
+
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(names) or 'none'}"
-    return f"no {kind} is named '{name}'; {hint}"
+    return f"no {kind} is named '{name}'; {meant(name, known)}"
 
 
 @dataclass(frozen=True, slots=True)

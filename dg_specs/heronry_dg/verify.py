@@ -99,7 +99,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that do not break semantics rule 2."""
+    """Keep the wires that satisfy semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())
@@ -133,10 +133,12 @@ def _place(case: _Case) -> Iterator[Violation]:
         module = case.spec.modules[name]
         where = f"module {name}"
         if name in case.left.failed_modules:
-            yield Violation("1.failed", where, "it has failed and must not run")
+            yield Violation("1.failed", where, "the module has failed and must not run")
         elif f"module:{name}@{running.pe}" in case.now.down:
             yield Violation(
-                "1.failed_there", where, f"it cannot run on {running.pe}: it failed there, or lacks its code"
+                "1.failed_there",
+                where,
+                f"the module cannot run on {running.pe}: it failed there, or its code is missing there",
             )
         if running.pe not in case.spec.pes:
             yield Violation("1.pe", where, f"the spec has no PE named '{running.pe}'")
@@ -152,10 +154,12 @@ def _place(case: _Case) -> Iterator[Violation]:
 def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
     where = f"module {module.name}"
     if module.runs_on is not None and pe not in module.runs_on:
-        yield Violation("1.runs_on", where, f"it may run on {', '.join(module.runs_on)} and is placed on {pe}")
+        yield Violation("1.runs_on", where, f"the module may run on {', '.join(module.runs_on)} and is placed on {pe}")
     missing = module.requires - case.spec.pes[pe].features
     if missing:
-        yield Violation("1.requires", where, f"it requires {', '.join(sorted(missing))}, which {pe} does not offer")
+        yield Violation(
+            "1.requires", where, f"the module requires {', '.join(sorted(missing))}, which {pe} does not offer"
+        )
     if module.device is None:
         return
     home = case.spec.devices[module.device].pe
@@ -180,7 +184,9 @@ def _wires(case: _Case) -> Iterator[Violation]:
             yield from (Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, leaf, wire))
             if leaf.only_in is not None and case.now.phase is not None and case.now.phase not in leaf.only_in:
                 only = listed(sorted(leaf.only_in))
-                yield Violation("2.phase", where, f"it is wired in phase {case.now.phase}, and may be only in {only}")
+                yield Violation(
+                    "2.phase", where, f"the input is wired in phase {case.now.phase}, and may be wired only in {only}"
+                )
             yield from _route(case, running.pe, wire.producer, where)
 
 
@@ -294,7 +300,7 @@ def _purpose(case: _Case) -> Iterator[Violation]:
             frontier.extend(wire.producer for wire in case.known.modules[module].inputs.values())
     for name in case.known.modules:
         if name not in serving:
-            yield Violation("5.idle", f"module {name}", "it serves no function that is wanted in the phase")
+            yield Violation("5.idle", f"module {name}", "the module serves no function that is wanted in the phase")
 
 
 # Semantics rule 6: cycles
@@ -332,7 +338,7 @@ def _bus_resources(case: _Case) -> Iterator[Violation]:
     for name, capacity in case.left.bus_mbit_per_s.items():
         if loads[name] > capacity:
             used, room = loads[name] / 1000, capacity / 1000
-            yield Violation("7.bus", f"bus {name}", f"{used:.3f} bit/s are published, and {room:.3f} are for data")
+            yield Violation("7.bus", f"bus {name}", f"modules publish {used:.3f} bit/s, and data may take {room:.3f}")
 
 
 # Semantics rule 8: placement rules

@@ -1,9 +1,9 @@
 """The verifier of transitions: finds the rules that the steps from one configuration to another break.
 
-The verifier tries every combination of states that the PEs could have during the steps. If there are too many, it takes
-each PE that is no gateway in its worst state for each bus, which is exact, since the loads of PEs add up. If there are
-still too many, it does the same for gateways, which is safe but not exact. It makes no choice, and shares no code with
-`transition`.
+The verifier tries every combination of states that the PEs could have during the steps. If there are too many
+combinations, it takes each PE that is no gateway in its worst state for each bus. This is exact, since the loads of PEs
+add up. If there are still too many, it does the same for gateways, which is safe but not exact. The verifier makes no
+choice, and shares no code with `transition`.
 
     t.steps      the steps are not in the order of a manager: BREAK before GO before GO_ALL, and GO_ALL last
     t.wait       the manager would wait for a PE that cannot answer, or there is a BREAK without a PE to wait for
@@ -11,7 +11,7 @@ still too many, it does the same for gateways, which is safe but not exact. It m
     t.exclusive  a module, the branches of a DEMUX, or the ends of its `to`, could run on two PEs at once
     t.bus        the load of a bus could exceed its limit
 
-The limit of a bus is its budget, or its load before the transition if that is higher. If the wires of the running
+The limit of a bus is its budget, or its load before the transition if that load is higher. If the wires of the running
 configuration are not known, every variable that a module gives is assumed to go to every PE.
 """
 
@@ -122,7 +122,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
         yield Violation("t.wait", "transition", "there must be a step BREAK if and only if there are PEs to wait for")
     for pe in way.wait_for:
         if pe not in left.pe_cpu_millis:
-            yield Violation("t.wait", f"pe {pe}", "the transition waits for it, and it cannot answer")
+            yield Violation("t.wait", f"pe {pe}", "the transition waits for this PE, which cannot answer")
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
@@ -179,7 +179,9 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
                 could.setdefault(f"{part} of demux {demux}", set()).add(pe)
     for thing in begins:
         if len(could[thing]) > 1:
-            yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
+            yield Violation(
+                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at the same time"
+            )
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
@@ -232,7 +234,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give the states of a PE, without those that send the same frames as another."""
+    """Give the states of a PE, with one state alone of those in which the PE sends the same frames."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}

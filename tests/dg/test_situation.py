@@ -120,7 +120,8 @@ def test_everything_that_can_be_down_is_a_known_element() -> None:
 @pytest.mark.parametrize(
     ("down", "limits", "phase", "sentence"),
     [
-        (["nose"], [], None, "'nose' is not an element; write KIND:NAME with KIND one of pe, device"),
+        (["nose"], [], None, "'nose' is not an element; did you mean 'pe:nose'?"),
+        (["tail rotor"], [], None, "'tail rotor' is not an element; write KIND:NAME with KIND one of pe, device"),
         (["pe:nosee"], [], None, "no pe is named 'nosee'; did you mean 'nose'?"),
         (["engine:left"], [], None, "'engine:left' is not an element"),
         (["channel:can0.1"], [], None, "no channel is named 'can0.1'; did you mean"),

@@ -310,7 +310,7 @@ def test_the_order_of_a_plan_does_not_matter() -> None:
 def test_a_violation_as_a_person_reads_it() -> None:
     spec = glider()
     (violation,) = verify(spec, situation(spec, ["module:receiver"]), Configuration(FLYING))
-    assert str(violation) == "rule 1.failed, module receiver: it has failed and must not run"
+    assert str(violation) == "rule 1.failed, module receiver: the module has failed and must not run"
 
 
 places, modes, leaves = ("ghost", "nose", "mid", "tail"), ("only", "full", "simple"), ("", "0", "1.0")

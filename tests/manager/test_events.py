@@ -136,6 +136,13 @@ def test_a_fault_that_is_reported_twice_is_latched_once() -> None:
     assert reduce([LOSS[2], LOSS[2]]).failed == ["device:pitot"]
 
 
+def test_a_fault_that_is_cleared_and_a_phase_that_is_entered_are_shown() -> None:
+    view = reduce([event("fault_cleared", MS, element="device:pitot", by="the operator")], reduce([LOSS[2]]))
+    assert view.failed == []
+    entered = event("phase_changed", MS, phase="land", before="climb", by="the operator")
+    assert reduce([entered], view).phase == "land"
+
+
 def test_a_radio_is_shown_while_it_is_not_whole() -> None:
     view = reduce([event("link_limited", MS, bus="radio", by="comms", share="40%")])
     assert view.links == {"radio": "40%"}

@@ -4,7 +4,7 @@ import pytest
 
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_tools.sim.flight.simulation import Simulation
-from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from scenarios.flights import MS, at_end_of, big_blue, flying, management_frames, times_are_told, two_tails
 from thoroughness import sample
 
 
@@ -71,7 +71,7 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     wrong = {}
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails())
-        simulation.at_end_of(frame, lambda flight=simulation: successor(flight, 150 * MS))
+        at_end_of(simulation, frame, lambda flight=simulation: successor(flight, 150 * MS))
         simulation.fleet.kill("tail_pe")
         violations = simulation.settle()
         times_are_told(simulation)

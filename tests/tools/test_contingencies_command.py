@@ -171,7 +171,7 @@ def test_a_manager_refuses_a_file_of_another_spec(file: Path, capsys: pytest.Cap
         assert main([*command, "--contingencies", str(file)]) == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert "it was made for another spec, or another version of spec big_blue; make it anew" in said
+        assert "the file was made for another spec, or another version of spec big_blue; make it anew" in said
 
 
 def test_how_far_it_is_and_how_long_it_will_take() -> None:

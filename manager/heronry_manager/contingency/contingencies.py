@@ -1,10 +1,10 @@
-"""Plans made ahead, as a value: for every fault set up to a size, in several phases, with a safe mode for each phase.
+"""Plans made ahead, as a value: a plan for every fault set up to a size, in several phases, and a safe mode per phase.
 
-Configurations are kept once and numbered from 1, in the order in which PEs hold them on board: the fault-free ones, the
-safe modes, then those of single faults phase by phase, then those of two, and so on; last those of the places in use
-(`Scope.places`). Number 0 stands for none. PREPARE
-has 12 bits for a number (docs/protocol.md), so it can call configurations up to 4095. The same spec, scope and planner
-give the same numbers.
+Equal configurations are kept once. They are numbered from 1, in the order in which PEs hold them on board: the
+fault-free configurations, the safe modes, then those for single faults phase by phase, then those for two faults, and
+so on; last those for the places in use (`Scope.places`). Number 0 stands for none. PREPARE has 12 bits for a number
+(docs/protocol.md), so it can refer to configurations up to 4095. The same spec, scope and planner give the same
+numbers.
 """
 
 from collections.abc import Iterator, Mapping

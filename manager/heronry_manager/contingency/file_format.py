@@ -6,15 +6,15 @@
     ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
-Numbers: faults; whether places in use are planned for (1 or 0); the elements (indices into `situation.elements`); the
-phases (index + 1; 0 for a spec without); the configurations, as rows; for each phase the safe mode's number, its plans
-(number of the configuration, proven or not, ten integers of worth) and, for each fault set in the order of
-`Scope.fault_sets`, the index of its plan; then for each place in use its PE, module and the index of its plan. So a
-fault set costs only that index.
+The numbers are, in this order: the number of faults; whether places in use are planned for (1 or 0); the elements
+(indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the configurations, as rows; and a
+part for each phase. That part has the number of the safe mode; the plans (number of the configuration, proven or not,
+ten integers of worth); for each fault set in the order of `Scope.fault_sets` the index of its plan; and for each place
+in use its PE, module and the index of its plan. So a fault set takes only the room of that index.
 
 The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
-It is compressed, because neighbouring configurations differ in a few modules. zlib and SHA-256 are in the standard
-library. A file with any error is not used; the error is one sentence with the remedy.
+It is compressed, because the configurations of similar fault sets differ in a few modules. zlib and SHA-256 are in the
+standard library. A file with any error is not used; the error is one sentence with the remedy.
 """
 
 import hashlib
@@ -61,13 +61,15 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     """Decode the content of a file; raises ContingencyFileError."""
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
-        raise ContingencyFileError("this is no contingency file")
+        raise ContingencyFileError("the file is not a contingency file")
     if content[len(_MAGIC)] != FORMAT:
-        raise ContingencyFileError(f"it is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}")
+        raise ContingencyFileError(
+            f"the file is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}"
+        )
     if hashlib.sha256(content).digest() != digest:
-        raise ContingencyFileError("it is damaged: its checksum is wrong")
+        raise ContingencyFileError("the file is damaged: its checksum is wrong")
     if content[len(_MAGIC) + 1 :][:32].hex() != spec.digest:
-        raise ContingencyFileError(f"it was made for another spec, or another version of spec {spec.name}")
+        raise ContingencyFileError(f"the file was made for another spec, or another version of spec {spec.name}")
     try:
         return _read(Unpacker(_unpacked(content)), spec)
     except (PackingError, IndexError, ValueError, zlib.error) as error:

@@ -1,19 +1,19 @@
 """The look-up of a plan that was made ahead for the present faults: in microseconds, without a solver.
 
 A plan made ahead was verified when it was made and when its file was checked. In flight the look-up only checks its
-precondition:
+three preconditions:
 
-    these elements are down    or a set with the same effect: a PE behind a dead gateway, a device on a dead PE and a
-                               module that has no PE left are down, whether the set names them or not
-    this phase holds
-    this configuration runs    the fault-free configuration of the phase, module by module. At the start, when nothing
-                               is down, it is enough that nothing is known to run, since changes cost nothing then
+    faults           the elements of its fault set are down, or a set with the same effect: a PE behind a dead gateway,
+                     a device on a dead PE and a module that has no PE left are down, whether the set names them or not
+    phase            the phase is that of the plan
+    configuration    the fault-free configuration of the phase runs, module by module. At the start, when nothing is
+                     down, it is enough that no running configuration is known, since changes cost nothing then
 
 A plan is put together when it is first looked up. The plans of single faults, with their reports, are put together at
 the start, since that takes longer than a look-up may.
 
 In any other case the planner must answer. While another configuration runs, a plan made ahead would be legal, but not
-the one with the fewest changes.
+the plan with the fewest changes.
 """
 
 from heronry_dg.losses import lost_of

@@ -5,9 +5,10 @@
               and only the operator clears the element (`clear`). A PE's report on an element that the operator has
               failed replaces the operator's report: that PE may have stopped the element
 
-A module that fails on one PE is out *there* first (`where`): its place is latched, `module:NAME@PE`, and plans use it
-elsewhere. When it fails on a second PE, or a module that watches its output reports it, it is out everywhere. The PE on
-which its code is missing is no such failure. A module with one possible PE has no places, and is out at once.
+A module that fails on one PE is at first down on that PE alone (`where`): its place `module:NAME@PE` is latched, and
+plans use the module on other PEs. When it fails on a second PE, or a module that watches its output reports it, the
+module is down everywhere. A PE on which its code is missing does not count as a PE on which it has failed. A module
+with one possible PE has no places, and is down at once.
 
 Lost, or sent during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
 operator has cleared the element latches it again; a fault that persists would be found again anyway. Doubled: no
@@ -100,7 +101,8 @@ class LatchedFaults:
     def latch(self, fault: LatchedFault) -> bool:
         """Latch a fault; tells whether it is kept: the element was not latched, or only by the operator.
 
-        A PE's report on a place also replaces what another manager announced of it: the code of the report counts.
+        A PE's report on a place also replaces the announcement of another manager on that place: the code of the report
+        counts.
         """
         before = self._failed.get(fault.element)
         if before is not None:
@@ -111,7 +113,7 @@ class LatchedFaults:
         return True
 
     def clear(self, element: str) -> list[LatchedFault]:
-        """Clear an element, and of a module its places, too; gives the faults that were latched on these."""
+        """Clear an element, and if it is a module also its places; gives the faults that were latched on these."""
         cleared = [one for one in self._failed.values() if one.element == element] + self._of(element)
         for one in cleared:
             del self._failed[one.element]

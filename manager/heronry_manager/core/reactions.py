@@ -68,7 +68,7 @@ class Reactions:
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
     def discount_losses(self) -> None:
-        """Discount the losses of PEs since this manager hears none, and end the quarantines that they led to."""
+        """Discount the losses of PEs, since this manager itself heard nothing; end the quarantines from them."""
         health = self._known.health
         for pe in health.discount_losses():
             if health.is_quarantined(pe):

@@ -6,7 +6,6 @@ names to `package.module:Class`. An image is imported when it is first needed, s
 A catalogue that cannot be loaded does not affect the others, and is mentioned in the message about an unknown name.
 """
 
-import difflib
 import importlib
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from typing import NamedTuple
 
 from heronry_agent.module import Module
 from heronry_wire.errors import HeronryError
+from heronry_wire.spelling import meant
 
 _GROUP = "heronry.images"
 
@@ -97,6 +97,5 @@ def _catalogues() -> _Catalogues:
 
 def _not_in_catalogue(name: str) -> str:
     known = _catalogues()
-    close = difflib.get_close_matches(name, known.images, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else "write package.module:Class for code of your own"
+    hint = meant(name, known.images, "write package.module:Class for code of your own")
     return f"there is no image '{name}'; {hint}{''.join(known.broken)}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
-from heronry_tools.console.output import add_json
+from heronry_tools.console.output import add_json, expect_ending
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -58,6 +58,7 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
     from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
+    expect_ending(arguments.output, {"contingencies": (".contingencies",)})
     scope = scope_of(spec, arguments, places=True)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         written = sweep_into(arguments.output, spec, scope, executor)

@@ -1,6 +1,6 @@
-"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order; modes through all modules.
+"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order.
 
-A set of modules, modes or PEs is an integer with their bits.
+Modes are numbered from 0 through all modules. A set of modules, modes or PEs is an integer with one bit for each.
 """
 
 from collections.abc import Mapping
@@ -56,7 +56,8 @@ def numbered(spec: Spec) -> Numbering:
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
     """Give the kind and number of every element that can be down.
 
-    A channel has the number of its bus. A place has that of its module times the number of PEs, plus that of its PE.
+    A channel has the number of its bus. The number of a place is that of its module times the number of PEs, plus that
+    of its PE.
     """
     of_kind: dict[str, Mapping[str, int]] = {
         "pe": numbers.pe_number,

@@ -4,8 +4,8 @@ A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidate
 time: only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that the
 manager can command there is always the same route: routes never depend on faults.
 
-A mode is *possible* when its module works and has a PE that is up and could carry it, and its needs could hold, were
-every other possible mode running.
+A mode is *possible* under three conditions. Its module works. The module has a PE that is up and could carry the mode.
+The needs of the mode could hold if every other possible mode ran.
 """
 
 from collections.abc import Mapping
@@ -132,7 +132,7 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Remove modes whose needs cannot hold, until none is left; `touched`: the modes to check first."""
+        """Remove modes whose needs cannot hold, until no such mode is left; `touched`: the modes to check first."""
         orders = self._tables.orders
         while touched:
             low = touched & -touched

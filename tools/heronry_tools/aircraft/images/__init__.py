@@ -6,7 +6,7 @@ other packages, by an entry point (`heronry.images` in pyproject.toml), and impo
 
 Images use `heronry_agent.module` alone. They read no clock and no random source: a step's context has its time, and the
 same inputs give the same outputs. Any input may be absent in any step, above all in the first steps. Each image
-documents what it does then, and what it loses at a restart.
+documents its behaviour in that case, and what it loses at a restart.
 """
 
 from collections.abc import Mapping

@@ -35,7 +35,7 @@ class PitchVersions(NVersion):
 
 
 class PitchBetter(ComparatorBetter):
-    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is told."""
+    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is reported."""
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 

@@ -1,4 +1,4 @@
-"""The check of DG4xx: functions that a single fault loses, by planning; useless redundancy, from the graph.
+"""The check of DG4xx: planning finds functions that a single fault loses, and the graph shows useless redundancy.
 
 Each finding has the place where it would be fixed or accepted: a loss stands at the element that fails, a gate at its
 first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) is not planned, since the
@@ -75,7 +75,10 @@ def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Give functions that have one of these classes where they are lost, most critical first, each as text."""
+    """Give the lost functions that have one of these classes in a phase of the loss, as texts.
+
+    The most critical function comes first.
+    """
     words: dict[str, list[str]] = {}
     for level in classes:
         for name, at in functions.items():

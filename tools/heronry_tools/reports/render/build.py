@@ -1,7 +1,8 @@
 """From a spec to its graph: every symbol once, and every edge along which data can flow.
 
-An input that stands alone needs no gate: its variable goes straight to the mode. The leaf of a DEMUX's branch comes
-out of the DEMUX. With a function given, the graph has only what may contribute to that function, in any mode.
+An input that stands alone needs no gate: an edge leads from its variable to the mode. For the leaf of a DEMUX's branch
+the edge leads from the DEMUX. If a function is given, the graph has only what may contribute to that function, in any
+mode.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
 A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired; a gate is chosen if it holds by what is wired below it.
+modules that run and the inputs that are wired. A gate is chosen if the wired inputs below it make it hold.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Both marks for one spec, situation and configuration; made by `marks`."""
+    """Both marks for one spec, situation and configuration; the function `marks` makes them."""
 
     spec: Spec
     found: Feasible

@@ -203,27 +203,25 @@ class Denier:
     def _reign(self) -> list[Frame]:
         draw, term = self._random.randrange, self._random.choice((2, 3, MAX_TERM))
         epoch = 1 + draw(0xFFFF)
-        command, message = self._random.choice(
-            [
-                (Command.LEASE, Lease(term, epoch, Step.GO_ALL, draw(1 << 24))),
-                (Command.ALIVE, Alive(term, draw(256), frozenset())),
-                (Command.ACTIVATE, Activate(term, epoch, Step.GO_ALL, draw(1 << 24))),
-            ]
-        )
+        said: list[tuple[Command, ManagementMessage]] = [
+            (Command.LEASE, Lease(term, epoch, Step.GO_ALL, draw(1 << 24))),
+            (Command.ALIVE, Alive(term, draw(256), frozenset())),
+            (Command.ACTIVATE, Activate(term, epoch, Step.GO_ALL, draw(1 << 24))),
+        ]
+        command, message = self._random.choice(said)
         return self._tagged(command, message, self._manager(), command)
 
     def _order(self) -> list[Frame]:
         draw, node, term = self._random.randrange, self._node(), self._random.choice((1, 2, 3))
         if not draw(4):
             return [Frame(_NMT_ID, bytes((self._random.choice((2, 128, 129, 130)), node)))]
-        command, message = self._random.choice(
-            [
-                (Command.PING, Ping(term, node, draw(256))),
-                (Command.CONTROL, Control(term, node, Operation.RENEW)),
-                (Command.CONTROL, Control(term, node, Operation.UNLOCK, 60)),
-                (Command.CONTROL, Control(term, node, Operation.CLEAR, draw(4), draw(8))),
-            ]
-        )
+        said: list[tuple[Command, ManagementMessage]] = [
+            (Command.PING, Ping(term, node, draw(256))),
+            (Command.CONTROL, Control(term, node, Operation.RENEW)),
+            (Command.CONTROL, Control(term, node, Operation.UNLOCK, 60)),
+            (Command.CONTROL, Control(term, node, Operation.CLEAR, draw(4), draw(8))),
+        ]
+        command, message = self._random.choice(said)
         return self._tagged(command, message, self._manager(), command)
 
     def _session(self) -> list[Frame]:

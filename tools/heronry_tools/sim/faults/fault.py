@@ -286,7 +286,7 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """Latest time at which it is over, or, for a fault without end, at which it has been injected."""
+        """Latest time in ms at which the fault is over; for a fault without end, at which it has been injected."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from heronry_agent.core.authenticity import Secret
-from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
@@ -27,7 +27,7 @@ class Fleet:
         clock: Clock,
         clocks: LocalClocks,
         wiring: Wiring,
-        world: Plant,
+        world: PlantOfDevices,
         *,
         tables: Mapping[str, PeTable],
         checks: Checks,
@@ -123,12 +123,6 @@ class Fleet:
         if pe in self.running:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
-
-    def fail_receiver(self, pe: str, duration_ns: int) -> None:
-        """Let a running PE's receiver fail for `duration_ns`; the PE goes on sending."""
-        node = self.running[pe]
-        node.wire(receive_failed=True)
-        self._clock.at(self._clock.now_ns + duration_ns, lambda: node.wire(receive_failed=False))
 
     def _table(self, pe: str) -> PeTable:
         table = self.tables[pe]

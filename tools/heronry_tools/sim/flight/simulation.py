@@ -1,4 +1,4 @@
-"""One run: an aircraft of simulated nodes, what is done to it, and what the oracles observe.
+"""One run: an aircraft of simulated nodes, the faults injected into it, and the observations of the oracles.
 
 All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
 seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
@@ -15,7 +15,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
-from heronry_tools.aircraft.plant import Failure, Plant
+from heronry_tools.aircraft.plant import Failure, Plant, PlantOfDevices
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.flight.fleet import Fleet
 from heronry_tools.sim.flight.managers import Managers, journal
@@ -64,6 +64,7 @@ class Simulation:
         key: Key | None = None,
         absent: Collection[str] = (),
         aloft_ns: int = 0,
+        plant: PlantOfDevices | None = None,
     ) -> None:
         """Switch on all nodes, each at a drawn moment in the first 200 ms.
 
@@ -74,13 +75,14 @@ class Simulation:
         key: the key of managers and PEs; None: no key.
         standby: there are two managers, 126 and 127; each is the standby manager while the other is active.
         absent: PEs to start only later, by `Fleet.arrive`.
-        aloft_ns: at which moment of the plant's scripted flight the run starts.
+        aloft_ns: at which moment of the scripted flight the run starts.
+        plant: what the devices read and move; None: the scripted flight.
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
         chance = Random(seed)
         self.clock = Clock()
-        self.world = Plant(-aloft_ns)
+        self.world: PlantOfDevices = Plant(-aloft_ns) if plant is None else plant
         disks = {node: Disk(spec) for node in MANAGER_NODES}
         self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks))
         if standby:
@@ -143,15 +145,6 @@ class Simulation:
         """Call `what` at the virtual time `when_ns`."""
         self.clock.at(when_ns, what)
 
-    def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
-        """Call `what` at the end of a frame known from an equal run, before any node has received the frame."""
-
-        def tap(sent: Sent) -> None:
-            if sent == frame:
-                what()
-
-        self.wiring.tap(frame.bus, tap)
-
     def run_until(self, end_ns: int) -> None:
         """Simulate up to and including `end_ns`."""
         self.clock.run_until(end_ns)
@@ -196,19 +189,19 @@ class Simulation:
     # What the oracles have found
 
     def broken(self) -> list[Violation]:
-        """Give the violations so far of what must always hold."""
+        """Give the violations so far of rules that hold at all times."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
-        """Give the present violations of what must hold once the aircraft has converged."""
+        """Give the present violations of rules that hold once the aircraft has converged."""
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
-        """Leave the aircraft alone until it has converged, or for the bound on that; gives every violation.
+        """Inject nothing until the aircraft has converged, or for the bound on that time; gives every violation.
 
-        It has converged when no requirement was violated for longer than a silent PE or function may go unnoticed. Data
-        are counted (`planned_load`) only in the second half of that time: before, a controller may still send queued
-        frames, and a PE that returns may send what it ran before.
+        The aircraft has converged when no requirement was violated for longer than the silence of a PE or function may
+        stay undetected. Data are counted (`planned_load`) only in the second half of that time: before, a controller
+        may still send queued frames, and a PE that returns may send what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -219,7 +212,11 @@ class Simulation:
             unwell = self.unsettled() + queues.look(self.now_ns, wires)
             epoch_before, epoch = epoch, self.checks.epoch
             if epoch != epoch_before:
-                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} was activated only now"))
+                unwell.append(
+                    Violation(
+                        self.now_ns, "active", f"epoch {epoch} was activated when the aircraft should have converged"
+                    )
+                )
             if unwell and self.now_ns >= end_ns:
                 return self.broken() + unwell
             if unwell:

@@ -1,8 +1,8 @@
 """The real situation of one flight, known only to the simulator and its oracles.
 
-Down is each element that has failed, is cut off, was declared failed by the operator, or was reported with an excuse:
-by `excuse`, or while a fault is present because of which modules may report healthy elements. A module that has failed
-on one PE is down there, and after a second PE everywhere, as the manager has it.
+An element is down if it has failed, is cut off, was declared failed by the operator, or was reported with an excuse. An
+excuse is given by `excuse`, or by a present fault because of which modules may report healthy elements. A module that
+has failed on one PE is down on that PE, and after a second PE everywhere, as for the manager.
 """
 
 from collections import Counter
@@ -27,7 +27,7 @@ class Truth:
 
     @property
     def situation(self) -> Situation:
-        """The elements that are down, the phase that was requested last, and the priorities that the manager tells."""
+        """The elements that are down, the phase that was requested last, and the priorities by the manager."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
@@ -40,7 +40,7 @@ class Truth:
         return Situation(gone, {}, self._checks.phase, self._checks.priorities)
 
     def broke(self, module: str, pe: str) -> None:
-        """Note that a module has failed on a PE: it is out there; a module without a choice of PEs is out at all."""
+        """Note that a module has failed on a PE: it is down on that PE, or down at all if it has no choice of PEs."""
         self.failed(self._place(module, pe))
 
     def lacks(self, module: str, pe: str) -> None:

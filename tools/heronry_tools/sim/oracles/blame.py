@@ -1,12 +1,12 @@
 """No healthy element is reported as failed: every fault that a PE reports on a bus was really injected.
 
-The manager latches a reported fault, so a false report costs the aircraft a healthy element until the operator clears
-it. Only the run knows which faults were injected. Faults stay, so the reports are compared with the truth once, when
-`unfounded` is called.
+The manager latches a reported fault. So a false report takes a healthy element out of use until the operator clears it.
+Which faults were injected is known only at the end. An injected fault stays, so the reports are compared with the
+injected faults once, when `unfounded` is called.
 
-The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read those that a gateway forwards: each was
-either read before, beyond the gateway, or sent by a foreign node. With a key no manager believes a foreign node's EMCY.
-A manager that did would plan without a healthy element, which `end_state` detects.
+The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read EMCYs that a gateway forwards: each of
+them was read before, beyond the gateway, or was sent by a foreign node. With a key no manager believes the EMCY of a
+foreign node. A manager that believed it would plan without a healthy element, which `end_state` detects.
 """
 
 from heronry_dg.model import Spec
@@ -49,7 +49,10 @@ class BlameCheck(Oracle):
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
 
     def handed_on(self, sent: Sent) -> None:
-        """Note again a cleared element that a late EMCY from a gateway reports: the manager believes that EMCY."""
+        """Note the report of a cleared element again if a gateway forwards a late EMCY about the element.
+
+        The manager believes that EMCY.
+        """
         element, _ = self._reported_by(sent)
         if element in self._cleared:
             self._reported.setdefault(element, self._cleared[element])
@@ -70,7 +73,7 @@ class BlameCheck(Oracle):
 
     @property
     def reported(self) -> dict[str, int]:
-        """Elements that have been reported, rightly or wrongly, and when (ns)."""
+        """Elements that some PE has reported, rightly or wrongly, each with the time (ns)."""
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
@@ -79,5 +82,8 @@ class BlameCheck(Oracle):
 
 
 def _is_down(element: str, truth: Situation) -> bool:
-    """Tell whether an element is down in `truth`, or the module of a place everywhere."""
+    """Tell whether an element is down in `truth`.
+
+    Of a place (`module:NAME@PE`), whether the module is down everywhere.
+    """
     return element in truth.down or module_of(element) in truth.down

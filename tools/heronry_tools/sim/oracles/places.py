@@ -1,9 +1,9 @@
 """Which element counts as failed after a PE's report, as the oracles follow it from the frames.
 
-A PE reports a module of its own by the module's index. If the module has a choice of PEs, it is out on that PE alone,
-`module:NAME@PE`, until it fails on a second PE or another module reports it: then it is out everywhere. Missing code is
-no failure. CLEAR and HOLDS name the PE by its node-ID. A PE or a bus that a module reports is a suspicion, which fails
-nothing.
+A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
+failed on that PE alone (`module:NAME@PE`), until it fails on a second PE or another module reports it. Then it counts
+as failed everywhere. Missing code does not count as a failure. CLEAR and HOLDS name the PE by its node-ID. If a module
+reports a PE or a bus, that is a suspicion, and nothing counts as failed.
 """
 
 from heronry_dg.model import Spec
@@ -26,14 +26,17 @@ class Places:
         self._failed: set[str] = set()  # places on which a module has failed, without missing code
 
     def reported(self, pe: str, message: Emergency) -> str | None:
-        """Note a report of a PE; gives its element, or the place; None where the spec has no such element."""
+        """Note a report of a PE.
+
+        Gives the element or place that it names, or None where the spec has no such element.
+        """
         self._codes[pe, message.kind, message.index] = message.code
         element = self._element(message.kind, message.index)
         place = f"{element}@{pe}"
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Give the element that a manager treats as failed, as it acknowledges the last report of a node, or None."""
+        """Give the element that a manager treats as failed when it acknowledges the last report of a node, or None."""
         if a in _SUSPECTED:
             return None
         pe = self._pe_of_node.get(node, "")
@@ -53,7 +56,7 @@ class Places:
         return element if pe is None or element is None else f"{element}@{pe}"
 
     def cleared(self, element: str) -> None:
-        """Forget the failures of an element, and of a module those on each PE."""
+        """Forget the failures of an element; of a module also its failures on each PE."""
         self._failed = {place for place in self._failed if element not in (place, module_of(place))}
 
     def _element(self, kind: int, index: int) -> str | None:

@@ -1,8 +1,8 @@
 """Everything that was heard on the managers' bus, with times: the only input of expectations.
 
 Outputs come from the witness (echoes of actuators, frames of outputs). Data, states of PEs, EMCYs and LEASEs come from
-their frames. Events of a manager are not used. All is kept until the flight is over and evaluated then, so a flight in
-the simulator and one of real processes are evaluated alike.
+their frames. Events of a manager are not used. All observations are kept until the flight is over and evaluated then,
+so a flight in the simulator and a flight of real processes are evaluated alike.
 """
 
 from dataclasses import dataclass, field

@@ -2,8 +2,8 @@
 
 The core gives actions, the host executes them, and each answer goes back to the core as an event. On a real node
 `heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in separate
-processes. Here no module is protected from another, and a step takes no time: a module that hangs or is slow by a fault
-is modelled by `module_steps`.
+processes. Here no module is protected from another, and a step takes no time. `module_steps` models modules that hang
+or are slow because of a fault.
 
 All images of the table are loaded when the host is created; `missing_images` are those that cannot be loaded.
 """
@@ -22,6 +22,7 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.module_runner import ModuleRunner
 from heronry_agent.shell.start_orders import orders_of
@@ -63,6 +64,10 @@ class ModuleHost:
             case _:
                 pass
         return None
+
+    def code(self, module: int) -> Module | None:
+        """Give the object of a module that runs, for an observer that does not change it."""
+        return self._runner.code(module)
 
     def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:
         reading = self._devices.read(action.module, now_ns)
