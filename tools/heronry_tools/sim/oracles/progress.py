@@ -1,8 +1,8 @@
 """Changes do not keep an aircraft from ever reaching an epoch, however fast they come.
 
 A manager that prepares one epoch after the other must activate one of them. The oracle follows PREPARE and ACTIVATE of
-the active manager: more than `_EPOCHS` epochs prepared in a row, over more than `_STORM_NS`, without one ACTIVATE, are a
-violation. The first of them are allowed: a change is answered by a plan of the newest situation.
+the active manager: more than `_EPOCHS` epochs prepared in a row, over more than `_STORM_NS`, without one ACTIVATE, are
+a violation. The first of them are allowed: a change is answered by a plan of the newest situation.
 
 Not verified: whether each single epoch was rightly given up.
 """
