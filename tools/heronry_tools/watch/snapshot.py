@@ -3,7 +3,7 @@
 `reducer` makes it from events, and knows nothing else but the spec. All views (`heronry top`, `heronry web`, metrics)
 show a snapshot, and the same events give the same snapshot. `docs/watch.md` describes it to users.
 
-Times end in `_ns`: nanoseconds of the clock of the feed, which is CLOCK_MONOTONIC of a live system, the recorder's clock
+Times end in `_ns`: nanoseconds of the clock of the feed: CLOCK_MONOTONIC of a live system, the recorder's clock
 of a recording, and virtual time of the simulator. `null` in the document is a fact that this feed does not tell. A bus
 alone tells no causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are
 known only where a PE fell silent.
