@@ -167,7 +167,7 @@ def test_what_a_bus_shows_of_traffic_manager_and_epochs() -> None:
         observation("feed", 0, source="bus", knows_why=False, spec="big_blue", spec_digest=""),
         observation("bus_seen", 1, bus="can0", **traffic),
         observation("bus_seen", 1, bus="another", **traffic),
-        observation("manager_seen", 2, node=127, term=4, epoch=1),
+        observation("manager_seen", 2, node=127, term=4),
         observation(
             "epoch_seen", 90, epoch=1, plan=plan("nav", elevator="only"), began_ns=50, times_ns={"activate": 9}
         ),

@@ -17,7 +17,7 @@ OBSERVATIONS: Mapping[str, str] = {
     "bus_seen": "bus, load, peak, bits_per_s, frames_per_s, errors, error_state: the traffic of the last second",
     "heard": "pes, functions: the time of the last frame of each, as far as it is new",
     "pe_seen": "pe, incarnation, epoch, runs, hears_manager, load_percent: a state frame says something new",
-    "manager_seen": "node, term, epoch: LEASE names another manager, term or epoch",
+    "manager_seen": "node, term: LEASE names another manager or term",
     "epoch_seen": "epoch, plan (or null), began_ns, times_ns: all PEs that are heard run this epoch",
 }
 

@@ -5,7 +5,7 @@ Besides the script's expectations, the oracles of the simulator verify the fligh
 every fault that can be ended is ended. An exception of a core ends the flight, which then fails.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
@@ -39,12 +39,15 @@ def _take_off(script: Script) -> Simulation:
     )
 
 
-def fly(script: Script, *, is_compared: bool = True) -> Flown:
+def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation], None] | None = None) -> Flown:
     """Fly a script; raises UserError if something cannot be done at its time.
 
     is_compared: compare the trace with the golden one, if there is one; False if that is about to be rewritten.
+    watch: gets the flight before it begins.
     """
     flight = _take_off(script)
+    if watch is not None:
+        watch(flight)
     heard = Observations(script.spec)
     flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     lines: tuple[str, ...] = ()  # stays empty if an exception of a core ends the flight
