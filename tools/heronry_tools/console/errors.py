@@ -11,7 +11,8 @@ from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
     **dict.fromkeys(("canopen", "numpy", "ortools", "pydantic", "yaml"), "manager"),
-    **dict.fromkeys(("cantools", "rich"), "watch"),
+    **dict.fromkeys(("cantools", "rich", "textual"), "watch"),
+    **dict.fromkeys(("asammdf", "mcap", "prometheus_client"), "export"),
     "distributed": "cluster",
     "highspy": "dev",
 }

@@ -8,7 +8,6 @@ name of a state. Counters count what the snapshot counts: since the feed began.
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, get_args
 
-from heronry_tools.console.errors import UserError
 from heronry_tools.watch.snapshot import Bus, Function, Pe, Snapshot, Standing
 
 if TYPE_CHECKING:
@@ -21,11 +20,9 @@ _TIMES = ("detect", "decide", "distribute", "activate")
 
 
 def exposition(snapshot: Snapshot) -> bytes:
-    """Give the page that Prometheus scrapes; raises UserError where prometheus-client is not installed."""
-    try:
-        from prometheus_client import CollectorRegistry, generate_latest  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError:
-        raise UserError('metrics need prometheus-client: pip install "heronry[export]"') from None
+    """Give the page that Prometheus scrapes; raises ModuleNotFoundError where the extra `export` is not installed."""
+    from prometheus_client import CollectorRegistry, generate_latest  # noqa: PLC0415 - an extra
+
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Once(snapshot))
     return bytes(generate_latest(registry))

@@ -16,14 +16,8 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
-from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.replay.comparison import compared
 from heronry_tools.sim.replay.proven import is_tagged, proven
 from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
-from heronry_tools.sim.replay.rerun import Planners, Rerun
-from heronry_tools.sim.scenario.in_simulator import fly
-from heronry_tools.sim.scenario.script import read_script
-from heronry_tools.sim.world.planning import Prepared, prepared_with
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.observations import observation
 from heronry_tools.watch.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
@@ -32,6 +26,7 @@ from heronry_tools.watch.snapshot import Source
 from heronry_tools.watch.timeline import Timeline
 from heronry_wire.authentication import Key
 from heronry_wire.frame import LoggedFrame
+from heronry_wire.pe_table import PeTable
 
 Event = Mapping[str, Any]
 
@@ -73,9 +68,12 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
 
 def _flown(path: Path) -> Recording:
     """Fly a scenario in the simulator; gives what its managers and its buses told."""
-    script, frames, flights = read_script(path), list[LoggedFrame](), list[Simulation]()
+    from heronry_tools.sim.scenario.in_simulator import fly  # noqa: PLC0415 - needs the solver
+    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
 
-    def watch(flight: Simulation) -> None:
+    script, frames, flights = read_script(path), list[LoggedFrame](), list[Any]()
+
+    def watch(flight: Any) -> None:
         flights.append(flight)
         for bus in script.spec.buses:
             flight.wiring.tap(bus, lambda sent: frames.append(LoggedFrame(sent.end_ns, sent.bus, sent.frame)))
@@ -118,11 +116,9 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
     """Make the feed of a log; raises UserError where the flight had a key, and none is given."""
     if is_tagged(frames) and key is None:
         raise UserError(f"{name} is of a flight with a key: name it with --key")
-    ahead = prepared_with(spec, kept_contingencies(spec))
-    told = _why(spec, frames, key, ahead)
+    told = _why(spec, frames, key)
     begins_ns = frames[0].time_ns
-    tables = tuple(ahead.tables.values())
-    listening = Listening(spec, begins_ns, tells_why=told is not None, key=key, tables=tables)
+    listening = Listening(spec, begins_ns, tells_why=told is not None, key=key, tables=tables_of(spec))
     first = observation("feed", begins_ns, source="log", knows_why=told is not None, **_named(spec))
     return [first, *_with_frames(spec, frames, told or (), listening)]
 
@@ -135,16 +131,28 @@ def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
     return {channel: channel for channel in channels}
 
 
-def _why(spec: Spec, frames: list[LoggedFrame], key: Key | None, ahead: Prepared) -> list[Event] | None:
+def tables_of(spec: Spec) -> tuple[PeTable, ...]:
+    """Give the tables of the PEs, with the plans made ahead that this user keeps; none where there is no solver."""
+    try:
+        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
+    except ModuleNotFoundError:
+        return ()
+    return tuple(prepared_with(spec, kept_contingencies(spec)).tables.values())
+
+
+def _why(spec: Spec, frames: list[LoggedFrame], key: Key | None) -> list[Event] | None:
     """Give the manager's events by running its core again; None where that is not possible, or decides otherwise."""
     on_the_bus = on_the_managers_bus(spec, frames, None)
     found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
     if not found or found[0].epoch:
         return None
     try:
-        planners = Planners(spec, ahead)
-    except ModuleNotFoundError:  # no solver
+        from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415 - needs the solver
+        from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
+        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
+    except ModuleNotFoundError:
         return None
+    planners = Planners(spec, prepared_with(spec, kept_contingencies(spec)))
     events: list[Event] = []
     for mastership in found:
         rerun = Rerun(planners, mastership)
