@@ -1,10 +1,18 @@
 """Events of a flight, as a manager tells them."""
 
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 from heronry_manager.core.events import event
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.watch.recordings import Recording, open_recording
+from heronry_wire.frame import LoggedFrame, format_log_line
 
 MS = 1_000_000
+DATE_NS = 1_700_000_000_000_000_000
 TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
 
 
@@ -99,3 +107,30 @@ END = [
 
 
 ALL = [*START, RUNS, *LOSS, *RECOVERY, *END]
+
+
+def recorded_big_blue(file: Path) -> Path:
+    """The log of a simulated flight: nav is lost and comes back, then a sensor sticks and tail_b is lost."""
+    simulation = Simulation(load_spec("big_blue"), keep_trace=True)
+    simulation.run_until(1000 * MS)
+    simulation.fleet.kill("nav")
+    simulation.run_until(1700 * MS)
+    simulation.fleet.arrive("nav")
+    simulation.run_until(2500 * MS)
+    simulation.fleet.kill("tail_b")
+    simulation.run_until(3200 * MS)
+    dated = (LoggedFrame(DATE_NS + sent.end_ns, sent.bus, sent.frame) for sent in simulation.trace)
+    file.write_text("".join(format_log_line(logged) + "\n" for logged in dated))
+    return file
+
+
+@cache
+def big_blue_log() -> Path:
+    """That log, made once for all tests of this process."""
+    return recorded_big_blue(Path(mkdtemp(prefix="heronry-test-")) / "flight.log")
+
+
+@cache
+def big_blue() -> Recording:
+    """That log as a feed."""
+    return open_recording(big_blue_log(), "big_blue")

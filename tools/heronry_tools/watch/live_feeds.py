@@ -38,6 +38,7 @@ class Feed(Protocol):
     """Where a view gets its events from."""
 
     spec: Spec
+    spec_file: Path | None  # None: the caller has named it
     source: Source
     trouble: str | None
     frames: list[LoggedFrame]  # heard in the last poll
@@ -93,7 +94,8 @@ class FollowedManager:
 
     def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
         """Follow the manager on a socket; raises ControlError, or UserError where its spec cannot be read."""
-        self._path, self.trouble = path, None
+        self._path = path
+        self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
         self._line = follow(path)
         self._line.settimeout(_FIRST_LINE_S)
@@ -101,6 +103,7 @@ class FollowedManager:
         first = self._first()
         self._line.setblocking(False)
         self._events: list[Event] = [first]
+        self.spec_file: Path | None = Path(first["file"])
         self.spec = _spec_of(first)
         self._try_again_ns = 0
         self._buses = self._opened(first["bus"]) if hears_bus else None
@@ -190,7 +193,7 @@ class ListenedBuses:
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
         """Listen on buses; raises LinkError. tables: of the PEs, with the contingencies on board."""
-        self.spec, self.trouble = spec, None
+        self.spec, self.spec_file, self.trouble = spec, None, None
         self.frames: list[LoggedFrame] = []
         now_ns = time.monotonic_ns()
         self._buses = HeardBuses(spec, choices, Listening(spec, now_ns, key=key, tables=tables))

@@ -13,6 +13,7 @@ OBSERVATIONS: Mapping[str, str] = {
     "status": "status (as 'heronry status --json'), plan (or null), bus (interface, channel): where a reader begins",
     "runs": "epoch, plan: the plan of an epoch that runs from now on",
     "lines_lost": "lines: so many lines were dropped, because this reader was too slow; a new status follows",
+    "resumed": "snapshot, plan: everything so far, where older files of a recording may be gone",
     "feed": "source, knows_why, spec, spec_digest: the first line of every feed",
     "bus_seen": "bus, load, peak, bits_per_s, frames_per_s, errors, error_state: the traffic of the last second",
     "heard": "pes, functions: the time of the last frame of each, as far as it is new",

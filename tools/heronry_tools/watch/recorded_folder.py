@@ -3,10 +3,11 @@
     FOLDER/flight.json             version of the format and of heronry, name and digest of the spec
     FOLDER/NAME.dg.yaml            the spec
     FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
-    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the time of the frames
+    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
 
-The oldest pair of files goes when the next one would exceed the limit of the whole folder. The first line of events in
-every pair is a full status or the feed's first line, so what is left can be read without what is gone.
+The oldest pair of files goes when the next one would exceed the limit of the whole folder. Every pair but the first
+begins with `resumed`, the whole snapshot, so what is left can be read without what is gone. Frames have dates; they
+are read back in the clock of the events.
 """
 
 import json
@@ -21,6 +22,7 @@ from heronry_wire.frame import LoggedFrame, Malformed, parse_log_line
 
 FORMAT = 1
 HEAD = "flight.json"
+FRAMES_SUFFIX, EVENTS_SUFFIX = ".log", ".events.jsonl"
 
 
 def is_recorded_folder(path: Path) -> bool:
@@ -48,20 +50,23 @@ def spec_of(folder: Path) -> Spec:
 
 
 def log_of(folder: Path) -> list[LoggedFrame]:
-    """Read all frames of a folder, in order of time; lines that are none, as the last one of a kill, are left out."""
-    frames = []
-    for file in sorted(folder.glob("*.log")):
+    """Read all frames of a folder, in the clock of its events and in order of time.
+
+    Lines that are no frames are left out: the last one may have been cut by a kill.
+    """
+    frames, offset_ns = [], head_of(folder)["date_offset_ns"]
+    for file in sorted(folder.glob(f"*{FRAMES_SUFFIX}")):
         for line in file.read_text(encoding="ascii", errors="replace").splitlines():
             logged = parse_log_line(line)
             if not isinstance(logged, Malformed):
-                frames.append(logged)
+                frames.append(logged._replace(time_ns=logged.time_ns - offset_ns))
     return sorted(frames, key=lambda logged: logged.time_ns)
 
 
 def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
     """Read all events of a folder, in order of time."""
     events = []
-    for file in sorted(folder.glob("*.events.jsonl")):
+    for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
         for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
                 events.append(json.loads(line))

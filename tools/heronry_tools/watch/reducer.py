@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from heronry_dg.model import Spec
 from heronry_tools.watch.configurations import NOTHING_RUNS, RunningPlan, Situations
 from heronry_tools.watch.reconfigurations import done, with_outage
@@ -33,6 +35,8 @@ from heronry_tools.watch.snapshot import (
 from heronry_tools.watch.status_document import from_status
 
 Event = Mapping[str, Any]
+
+_READER = TypeAdapter(Snapshot)  # of a document
 
 _STANDING = {
     "pe_suspected": "suspect",
@@ -168,6 +172,12 @@ def _status(spec: Spec, state: State, event: Event) -> State:
     running = RunningPlan.of_document(spec, event.get("plan"))
     state = replace(state, running=running, planned=NOTHING_RUNS, prepared={})
     return replace(state, snapshot=from_status(state.snapshot, event))
+
+
+def _resumed(spec: Spec, state: State, event: Event) -> State:
+    """Go on from a snapshot: in a whole recording it changes nothing."""
+    view: Snapshot = _READER.validate_python(event["snapshot"])
+    return replace(state, snapshot=view, running=RunningPlan.of_document(spec, event["plan"]))
 
 
 def _runs(spec: Spec, state: State, event: Event) -> State:
@@ -336,6 +346,7 @@ def _bus_trouble(spec: Spec, state: State, event: Event) -> State:
 _STEPS: Mapping[str, Callable[[Spec, State, Event], State]] = {
     "feed": _feed,
     "status": _status,
+    "resumed": _resumed,
     "runs": _runs,
     "lines_lost": _lines_lost,
     "bus_seen": _bus_seen,
