@@ -15,8 +15,8 @@ from typing import IO, Any
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
+from heronry_tools.sim.replay.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
 from heronry_tools.watch.observations import observation
-from heronry_tools.watch.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source, document
 from heronry_wire.command_parser import program_version

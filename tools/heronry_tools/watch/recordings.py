@@ -17,10 +17,10 @@ from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.replay.proven import is_tagged, proven
+from heronry_tools.sim.replay.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.observations import observation
-from heronry_tools.watch.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.snapshot import Source
 from heronry_tools.watch.timeline import Timeline
