@@ -64,9 +64,10 @@ class Mastership:
 
 
 def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
-    """Read a candump log, or a folder of 'heronry record'; gives its frames in order of time, and the number of lines that are no frames.
+    """Read a candump log, or a folder of 'heronry record'.
 
-    Raises UserError if no line is a frame; OSError if the file cannot be read.
+    Gives its frames in order of time, and the number of lines that are no frames. Raises UserError if no line is a
+    frame; OSError if the file cannot be read.
     """
     if is_recorded_folder(path):
         return log_of(path), 0
