@@ -56,6 +56,8 @@ _STAGE: Mapping[str, Stage] = {
     "plan_unchanged": "running",
     "plan_kept": "running",
     "adopted": "running",
+    "epoch_seen": "running",
+    "unknown_epoch": "running",
     "stopped": "stopped",
 }
 _CHANGES_WHAT_RUNS = frozenset({"status", "runs", "reconfigured", "epoch_seen", "adopted", "unknown_epoch"})

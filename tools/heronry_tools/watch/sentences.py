@@ -71,6 +71,7 @@ def _taken_over(event: Mapping[str, Any]) -> str:
 _OWN: Mapping[str, tuple[Severity, Callable[[Mapping[str, Any]], str]]] = {
     "reconfigured": ("good", _reconfigured),
     "epoch_seen": ("good", _reconfigured),
+    "unknown_epoch": ("warning", lambda e: f"epoch {e['epoch']} runs, and its configuration is not known"),
     "plan_requested": ("detail", _requested),
     "plan_ready": ("detail", _planned),
     "plan_unchanged": ("detail", lambda _: "everything already runs as planned"),

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static
@@ -34,6 +34,20 @@ up, down       select a PE                    d   all details of it, and of the 
 of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
                  p   play at 1x, 4x, 16x      home, end   to its begin, to its end
 """
+
+
+_OWN_ACTIONS = frozenset(
+    {"help", "filter", "freeze", "details", "tab", "play", "reconfiguration", "quit", "select", "show", "move", "end"}
+)
+
+
+def _shown(key: str, action: str, words: str | None = None) -> Binding:
+    """Bind a key, before the widgets get it, and show it in the footer."""
+    return Binding(key, action, action if words is None else words, priority=True)
+
+
+def _quiet(key: str, action: str) -> Binding:
+    return Binding(key, action, show=False, priority=True)
 
 
 class Reading(ModalScreen[None]):
@@ -61,26 +75,26 @@ class TopApp(App[None]):
 
     CSS_PATH = "app.tcss"
     ENABLE_COMMAND_PALETTE = False
+    AUTO_FOCUS = None
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("question_mark", "help", "help"),
-        ("slash", "filter", "filter"),
-        ("space", "freeze", "freeze"),
-        ("d", "details", "details"),
-        ("tab", "tab", "next panel"),
-        ("q", "quit", "quit"),
+        _shown("question_mark", "help"),
+        _shown("slash", "filter"),
+        _shown("space", "freeze"),
+        _shown("d", "details"),
+        _shown("tab", "tab", "panel"),
+        _shown("q", "quit"),
+        _shown("p", "play"),
+        Binding("left_square_bracket", "reconfiguration(0)", "step", key_display="[ ]", priority=True),
+        _quiet("right_square_bracket", "reconfiguration(1)"),
+        _quiet("up", "select(-1)"),
+        _quiet("down", "select(1)"),
+        *(_quiet(str(number), f"show({number - 1})") for number in range(1, len(_TABS) + 1)),
+        _quiet("left", "move(-1)"),
+        _quiet("right", "move(1)"),
+        _quiet("home", "end(0)"),
+        _quiet("end", "end(1)"),
     ]
-    _QUIET: ClassVar[dict[str, str]] = {"up": "select(-1)", "down": "select(1)"} | {
-        str(number): f"show({number - 1})" for number in range(1, len(_TABS) + 1)
-    }
-    _OF_A_RECORDING: ClassVar[dict[str, tuple[str, str]]] = {
-        "left": ("move(-1)", "1 s back"),
-        "right": ("move(1)", "1 s on"),
-        "left_square_bracket": ("reconfiguration(0)", "before"),
-        "right_square_bracket": ("reconfiguration(1)", "next"),
-        "p": ("play", "play"),
-        "home": ("end(0)", ""),
-        "end": ("end(1)", ""),
-    }
+    _OF_A_RECORDING: ClassVar[frozenset[str]] = frozenset({"play", "reconfiguration", "move", "end"})
 
     def __init__(self, source: TopSource) -> None:
         """Show a source, which the caller closes."""
@@ -90,13 +104,13 @@ class TopApp(App[None]):
         self.repaints = 0
         self._tab = 0
         self._frozen: Snapshot | None = None
-        for key, action in self._QUIET.items():
-            self.bind(key, action, show=False)
-        if source.is_recorded:
-            for key, (action, words) in self._OF_A_RECORDING.items():
-                self.bind(
-                    key, action, description=words, show=key in ("p", "left_square_bracket", "right_square_bracket")
-                )
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave the keys to a page that is open, and to the field of the filter."""
+        del parameters
+        if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
+            return action not in _OWN_ACTIONS
+        return self.source.is_recorded or action not in self._OF_A_RECORDING
 
     def compose(self) -> ComposeResult:
         """Head, buses, PEs beside functions, and what happened."""

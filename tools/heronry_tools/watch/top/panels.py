@@ -102,11 +102,12 @@ def _pe(view: Snapshot, name: str, pe: Pe, *, is_selected: bool) -> Text:
     letter, colour = _STANDING[pe.standing]
     age = None if pe.last_heard_ns is None else max(0, view.t_ns - pe.last_heard_ns)
     line = Text.assemble((letter, colour), ">" if is_selected else " ", (f"{name:<10.10}", colour))
-    line.append(f" {seconds(age):>5} {pe.epoch if pe.epoch is not None else '-':>5} ")
-    line.append(_bar(pe.cpu, 6))
-    line.append(f" {len(pe.modules):>4} {pe.restarts + pe.reboots:>3}")
-    if pe.why:
-        line.append(f" {pe.why}", "yellow")
+    line.append(f" {seconds(age):>5} ")
+    if pe.why and pe.standing in ("down", "returning"):
+        line.append(pe.why, "yellow")
+    else:
+        line.append(f"{pe.epoch if pe.epoch is not None else '-':>5} {_bar(pe.cpu, 6)}")
+        line.append(f" {len(pe.modules):>4} {pe.restarts + pe.reboots:>3}")
     if is_selected:
         line.stylize("reverse")
     return line
@@ -132,26 +133,24 @@ def function_state(function: Function) -> tuple[str, str]:
 
 def functions(view: Snapshot, look: Look) -> list[Text]:
     """One line a function: `lost <- why` where it is not served."""
-    lines = [Text("  function         class mode", "bold")]
-    shown = [(n, f) for n, f in view.functions.items() if f.wanted] + [
-        (n, f) for n, f in view.functions.items() if not f.wanted
-    ]
-    for name, one in shown:
-        if not _matches(look, name, one.why_not, one.mode):
-            continue
-        letter, colour = function_state(one)
-        line = Text.assemble((letter, colour), f" {name:<16.16} {one.criticality}     ")
-        if letter == "L":
-            since = None if one.not_since_ns is None else view.t_ns - one.not_since_ns
-            line.append(f"lost {seconds(since)} <- {one.why_not or 'the bus does not tell why'}", colour)
-        elif one.served:
-            line.append(f"{one.mode}" + (" (not heard)" if one.heard is False else ""))
-        elif one.wanted:
-            line.append(one.why_not or "", colour)
-        else:
-            line.append("not wanted in this phase", "dim")
-        lines.append(line)
-    return lines
+    lines = [Text("  function         cl mode", "bold")]
+    shown = [(name, one) for name, one in view.functions.items() if _matches(look, name, one.why_not, one.mode)]
+    lines += [_function(view, name, one) for name, one in shown if one.wanted]
+    unwanted = [name for name, one in shown if not one.wanted]
+    return [*lines, Text(f"- not wanted: {', '.join(unwanted)}", "dim")] if unwanted else lines
+
+
+def _function(view: Snapshot, name: str, one: Function) -> Text:
+    letter, colour = function_state(one)
+    line = Text.assemble((letter, colour), f" {name:<16.16} {one.criticality}  ")
+    if letter == "L":
+        since = None if one.not_since_ns is None else view.t_ns - one.not_since_ns
+        line.append(f"lost {seconds(since)} <- {one.why_not or 'the bus does not tell why'}", colour)
+    elif one.served:
+        line.append(f"{one.mode}" + (" (not heard)" if one.heard is False else ""))
+    else:
+        line.append(one.why_not or "", colour)
+    return line
 
 
 def modules(view: Snapshot, look: Look) -> list[Text]:
