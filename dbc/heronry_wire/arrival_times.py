@@ -1,17 +1,18 @@
 """When frames arrived, in ns of CLOCK_MONOTONIC, although SocketCAN stamps them with the clock of the day.
 
-The clock of the day may be set while a node flies, by hours too, and it runs on while a computer is suspended, which
-CLOCK_MONOTONIC does not. So the time between two stamps, or between a stamp and now, may be anything. Two facts limit
-what a step can do:
+The clock of the day may be set while a node flies, even by hours. It also runs on while a computer is suspended, which
+CLOCK_MONOTONIC does not. So the difference of two stamps, or of a stamp and now, may be anything. Two facts limit the
+error that such a step of the clock can cause:
 
-    empty   the queue of the bus was empty at some look, so a frame read since then arrived later than that look
-    two     a frame was stamped before or after the step. Both are tried, and the earlier arrival is taken
+    empty   a frame read after a look at which the queue of the bus was empty arrived later than that look
+    two     a frame was stamped either before or after the step. Both cases are computed, and the earlier arrival counts
 
-So a frame never seems newer than it is, whatever the clock of the day does (a paused process must not take an old LEASE
-for a new one), and never older than the last look at an empty queue: for a node that runs, a few milliseconds.
+So a frame never seems newer than it is, whatever the clock of the day does: a process that was paused must not take an
+old LEASE for a new one. And a frame never seems older than the last look at an empty queue. For a node that runs, that
+look was a few milliseconds ago.
 
-The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`): there the clock of the day is not used.
-This file is the only one that flies and reads the clock of the day for more than a log.
+The software bus stamps frames with CLOCK_MONOTONIC (`StampedMessage`); for these frames the clock of the day is not
+used. Apart from logs, no other file that runs in flight reads the clock of the day.
 """
 
 import time
@@ -33,7 +34,10 @@ class StampedMessage(can.Message):
 
 
 class ArrivalTimes:
-    """The ages of the frames of one bus: `look` before each reading of the bus, `found_empty` after reading all."""
+    """The ages of the frames of one bus.
+
+    The caller calls `look` before each reading of the bus, and `found_empty` when it has read all frames.
+    """
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -42,7 +46,7 @@ class ArrivalTimes:
         self._offset_before_ns = 0  # and at the look before
 
     def look(self) -> None:
-        """Read both clocks. A pause between the two readings can only make the offset too small, frames too new."""
+        """Read both clocks. A pause between the two readings only makes the offset too small, so frames seem newer."""
         day_ns = time.time_ns()
         self._looked_ns = time.monotonic_ns()
         offset_ns = day_ns - self._looked_ns
@@ -64,5 +68,5 @@ class ArrivalTimes:
         return max(0, self._looked_ns - arrived_ns)
 
     def arrived_ns(self, message: can.Message) -> int:
-        """Time in ns of CLOCK_MONOTONIC at which a message arrived, at the latest at the last look."""
+        """Time in ns of CLOCK_MONOTONIC at which a message arrived; never later than the last look."""
         return self._looked_ns - self.age_ns(message)

@@ -2,8 +2,8 @@
 
 A tag is keyed BLAKE2s (RFC 7693), cut to the room in the frame: 48 bits for a command, 24 for a state. BLAKE2s takes a
 key by design, in one pass where HMAC needs two: 0.6 us a tag against 2.8 us with HMAC-SHA-256 (`timeit`, on the machine
-of docs/limits.md), and its `person` and its output length, which are part of what is hashed, make the tags of different
-kinds different. It comes with Python; nothing has to be installed on a node.
+of docs/limits.md). Its parameter `person` and its output length are part of what is hashed, so tags of different kinds
+differ. BLAKE2s comes with Python; nothing has to be installed on a node.
 
 One key serves the whole fleet, because a command is for all nodes and has room for one tag: an attacker who takes over
 one node has the key. What a tag covers beside the bytes of the frame:
@@ -15,14 +15,14 @@ one node has the key. What a tag covers beside the bytes of the frame:
               the frame. On page 0 also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that
               waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
 
-A table that goes to a PE over the bus is *sealed* with all 32 bytes, which stand behind it: it is long, and decides
-which code runs. The text names the node and the spec, and holds no nonce: a recorded table can be sent again, but only
-to that node, and only while the node is unlocked and waits for a table.
+A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
+table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
+recorded table can be sent again, but only to that node, and only while the node is unlocked and waits for a table.
 
-So a copied command or state is not valid a second time, at another place in the sequence, in the other direction, or
-from another node.
+A copied command or state is not valid a second time, at another place in the sequence, in the other direction, or from
+another node.
 
-States: none. A key is never printed: its fingerprint tells two of them apart.
+States: none. A key is never printed; messages show its fingerprint, by which two keys can be told apart.
 """
 
 from hashlib import blake2s
@@ -88,9 +88,9 @@ class Key:
     ) -> int:
         """Tag of page 0 or 1 of a state: 24 bits.
 
-        beat: number of this page 0 in its session; PAGE_1_BEAT of a page 1.
-        said: bytes of the page without its digest, as `state_frames.split_state` gives them.
-        emergency: all bytes of the EMCY that the tag authenticates along with the page.
+        beat: number of this page 0 in its session; for page 1 the constant PAGE_1_BEAT. said: bytes of the page without
+        its digest, as `state_frames.split_state` gives them. emergency: all bytes of the EMCY that the tag
+        authenticates along with the page.
         """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))
@@ -100,7 +100,7 @@ class Key:
         return int.from_bytes(tag.digest(), "big")
 
     def sealed(self, table: bytes) -> bytes:
-        """Give the text of a table followed by its seal; a PE with this key accepts that over the bus."""
+        """Give the text of a table followed by its seal, which a PE with this key accepts over the bus."""
         return table + self._seal(table)
 
     def opened(self, sealed: bytes) -> bytes | None:

@@ -26,7 +26,10 @@ class BusArgumentError(HeronryError):
 
 
 def add_bus_arguments(parser: argparse.ArgumentParser, title: str) -> None:
-    """Add python-can's flags, as a group with a title; its thirty interfaces are named only where one is misspelt."""
+    """Add python-can's flags for a bus, as a group with a title.
+
+    The help does not list the thirty interfaces of python-can; the error for a misspelt interface does.
+    """
     can.cli.add_bus_arguments(parser, group_title=title)
     flag = next(action for action in parser._actions if action.dest == "interface")  # noqa: SLF001 - no public way
     flag.metavar, flag.help = "INTERFACE", "kind of the bus: socketcan, softbus, or any other of python-can"
@@ -70,7 +73,7 @@ def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[
 
 
 def channels_named(config: Mapping[str, Any]) -> int:
-    """Number of channels that the configuration names, for a caller that has no spec to say how many there are."""
+    """Number of channels that the configuration names; for a caller that has no spec, which would give the number."""
     return len(str(config.get("channel") or "").split(","))
 
 

@@ -1,8 +1,9 @@
 """Link status events of one bus of one node, as sentences and counts: lost, back, bus-off, passive, stuck, overrun.
 
-    on the bus   no event; or the controller counts errors, or no frame leaves: an event once, and again at the
-                 earliest after TELL_AGAIN_NS, so that an intermittent error does not fill the log
-    off the bus  since `off_since_ns`; an event whenever the reason changes
+    on the bus   the bus can be used. There is no event as long as all is well. There is an event when the controller
+                 counts errors, or when no frame leaves; the same event comes again after TELL_AGAIN_NS at the earliest,
+                 so that an intermittent error does not fill the log
+    off the bus  the bus cannot be used since `off_since_ns`; there is an event whenever the reason changes
 
 The driver of a node reads `off_since_ns` and decides what to do about an outage. Error frames only show that this
 node's own controller is bus-off; a lost or doubled error frame changes at most a count.
@@ -56,7 +57,7 @@ class BusHealth:
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
-        """Take the report of an error frame of the controller."""
+        """Take the report of the controller, which came as an error frame."""
         self.counts.update(report.kinds)
         if report.state is not None:
             self.counts[report.state.name.lower().replace("_", "-")] += 1

@@ -92,7 +92,7 @@ _LAYOUTS = tuple(
     )
 )
 _TYPES = tuple(DataType)
-_INTEGERS = "iIhHbB"  # layouts of one integer
+_INTEGERS = frozenset("iIhHbB")  # layouts of one integer
 _IS_TEXT = tuple(layout.format.endswith("s") for layout in _LAYOUTS)
 _RANGES = {
     "": "no value (None)",
@@ -269,18 +269,6 @@ def decode_payload(code: int, payload: bytes) -> Value:
         return values or None
     value: int | float | bytes = values[0]
     return value.decode("latin-1") if isinstance(value, bytes) else value
-
-
-def split_double(value: float) -> tuple[int, int]:
-    """Give the values of the DOUBLEH and the DOUBLEL frame that carry a double together [S p.7]."""
-    high, low = struct.unpack(">II", struct.pack(">d", value))
-    return high, low
-
-
-def join_double(high: int, low: int) -> float:
-    """Join the values of a DOUBLEH and a DOUBLEL frame to a double; the caller ensures that the two belong together."""
-    value: float = struct.unpack(">d", struct.pack(">II", high, low))[0]
-    return value
 
 
 def encode_emergency_event(node_id: int, report: ErrorReport, *, service_code: int = 0, message_code: int = 0) -> Frame:

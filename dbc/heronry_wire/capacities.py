@@ -1,12 +1,12 @@
-"""How many there may be of each thing that a frame or an object of a PE counts: the limits of a system on the bus.
+"""Limits of a system on the bus: how many elements of each kind a frame or an object of a PE can number.
 
-Each number follows from the width of the field that holds the index. What exceeds a limit cannot be addressed: a slice
-that does not fit is refused for ever, two devices behind one number look the same. So `heronry check` and the compiler
-of tables refuse such a spec (`heronry_dg.wire_limits`).
+Each limit follows from the width of the field that holds the index. An element beyond the limit cannot be addressed: a
+slice that is too long is refused each time it is sent, and two devices with one number look the same. So `heronry
+check` and the compiler of tables refuse such a spec (`heronry_dg.wire_limits`).
 
 Other limits need no number here, since the spec cannot exceed them: node-IDs and identifiers (`identifiers`), versions
-(a nibble of the status byte) and restarts (the schema of a spec), terms, epochs and sequences (they wrap, or end in one
-sentence), contingencies (those above 4 095 are sent as slices).
+(a nibble of the status byte) and restarts (the schema of a spec), terms, epochs and sequences (they wrap, or end with
+an error), contingencies (those above 4 095 are sent as slices).
 """
 
 from heronry_wire.canopen_objects import LARGEST_INDEX, MOST_ELEMENTS

@@ -1,4 +1,4 @@
-"""Two channels, one bus: of the two copies of a frame the first is taken, and the second is recognized as a copy.
+"""Merges the two channels of a replicated bus: of two copies of a frame the first is taken, the second is dropped.
 
 Every frame of a replicated bus is sent on both channels, and carries no sequence number. So the receiver recognizes a
 copy by its content: the same identifier and bytes, on the other channel, within a window of half a heartbeat period. It
@@ -7,22 +7,23 @@ takes two, in whatever order the four arrive. Within a window the receiver takes
 channel has brought. So it loses no frame that either channel alone would have brought, with one exception: two equal
 frames within half a period, of which one channel loses the first and the other the second, are taken as one.
 
-Late copies are the danger: a channel that comes back may bring frames that have waited in a controller, and a state
+Late copies are the danger. A channel that comes back may bring frames that have waited in a controller, and a state
 that is a second old looks like a restart of the PE. Hence each identifier has a state:
 
-    in step     both channels have brought the last frame of it: the first copy of the next one is taken
+    in step     both channels have brought the last frame of this identifier: the first copy of the next frame is taken
     behind      one channel has not brought the last frame within half a period. A frame that only this channel brings
                 is *withheld* until the other channel brings the frame too: then the frame is taken, and both are in
                 step. If the other channel has brought nothing under this identifier for a period and a quarter, it has
                 failed, and the frame is taken immediately
 
 A channel that has lost a single frame of a sender is behind until the next frame of that sender. If the other channel
-fails at that very moment, the sender is not heard for one more period, which is too short to make it suspect. Frames
-with a period longer than 1 1/4 heartbeat periods are taken however late they come: they cannot be told from new ones.
+fails at that very moment, the sender is not heard for one more period. This is too short to make the sender suspect.
+Frames with a period longer than 1 1/4 heartbeat periods are taken however late they come, since a late frame cannot be
+told from a new one.
 
-It makes no difference which wire has failed: a break of the channel, of this node's own wire, or of the sender's wire
+It makes no difference which wire has failed. A break of the channel, of this node's own wire, or of the sender's wire
 alone puts all or some of the sender's identifiers behind. A frame that CAN itself delivers twice is taken twice, as on
-a bus with one channel. A forged copy, sent on the other channel before the sender's own, has the same bits: it is
+a bus with one channel. A forged copy, sent on the other channel before the sender's own frame, has the same bits: it is
 taken, and the sender's own frame counts as its copy. After a restart of this node all identifiers are in step, and each
 frame is taken once.
 
@@ -42,7 +43,7 @@ def window_ns(heartbeat_ns: int) -> int:
 
 
 def latest_copy_ns(heartbeat_ns: int) -> int:
-    """Time in ns after the first copy has left in which the second may start, so that it arrives in the window."""
+    """Longest time in ns from the end of the first copy to the start of the second, so that both are in one window."""
     return heartbeat_ns // 4
 
 
@@ -86,7 +87,10 @@ class ChannelMerge:
         return is_taken
 
     def _pair(self, waiting: deque[_Copy]) -> bool:
-        """Note that the second copy of a frame has come; tells whether to take it, because the first was withheld."""
+        """Note that the second copy of a frame has come.
+
+        Tells whether to take it now, because the first copy was withheld.
+        """
         first = waiting.popleft()
         first.is_alone = False
         if not waiting:

@@ -1,13 +1,13 @@
-"""Which channel of a replicated bus is lost, as one node sees it: it carries no frames although the other one does.
+"""Tells which channel of a replicated bus is lost for one node: it carries no frames although the other channel does.
 
     well    both channels give signs of life, or neither does: on a silent bus nothing can be decided
-    lost    for more than `misses` heartbeat periods and a quarter one channel has given no sign while the other did.
+    lost    one channel has given no sign for `misses` heartbeat periods and a quarter, while the other channel did.
             Every node sends in every period, so a silence of that length is a failure
     well    again once the channel has given signs for ten periods without such a gap: an intermittent channel stays
             lost
 
 There are two kinds of signs: a frame of another node has come, and a frame of this node has left. A channel that lacks
-one of the two is lost for this node, so a wire that is broken in one direction is found too. One node cannot tell
+one of the two kinds is lost for this node, so a wire that is broken in one direction is found too. One node cannot tell
 whether the channel or only its own wire has failed; the manager can, from the reports of all nodes.
 
 A sign is compared only with the last sign of the same kind on the other channel. So neither a pause of the process nor

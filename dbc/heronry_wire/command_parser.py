@@ -1,16 +1,18 @@
 """How every program of heronry reads its command line: one sentence for a mistake, with the closest known spelling.
 
 argparse answers a mistake with the whole usage and with names of its own types. This parser says what is wrong, what
-may have been meant and where help is, and ends with 2, as for any other input that cannot be used. An option has one
-spelling: a shortened one is a mistake, too, since a script that uses it would break with the next option.
+the user may have meant and where help is. It then ends with exit code 2, as for any other input that cannot be used. An
+option has one spelling. A shortened option is a mistake too, because a script with it could fail as soon as a new
+option begins alike.
 """
 
 import argparse
-import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any, NoReturn
+
+from heronry_wire.spelling import close, meant
 
 _NOT_READ = re.compile(r"invalid (\w+) value: (.*)")
 _MISSING = re.compile(r"the following arguments are required: (.*)")
@@ -26,14 +28,14 @@ class CommandParser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse; what is unknown is refused here, where the options that may have been meant are known."""
+        """Parse; an unknown argument is refused here, where the options that the user may have meant are known."""
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left))
         return known, left
 
     def error(self, message: str) -> NoReturn:
-        """End with one sentence."""
+        """End the program with exit code 2 and one sentence."""
         said = _NOT_READ.sub(lambda found: f"{found[2]} is not a {_kind(found[1])}", message)
         said = _MISSING.sub(lambda found: f"{found[1]} {'are' if ',' in found[1] else 'is'} missing", said)
         see = "" if "; " in said else f"; see '{self.prog} --help'"  # what follows a semicolon is a remedy
@@ -53,22 +55,11 @@ class CommandParser(argparse.ArgumentParser):
         return f"there is no option {option}" + (f"; did you mean {found}?" if found else "")
 
 
-def close(word: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
-    """The known word that is closest to another one; None where none is as like as this share, 0 to 1."""
-    return next(iter(difflib.get_close_matches(word, list(known), n=1, cutoff=likeness)), None)
-
-
-def meant(word: str, known: Sequence[str]) -> str:
-    """What may have been meant: the closest known word, else all of them."""
-    found = close(word, known)
-    return f"did you mean '{found}'?" if found else f"there is {', '.join(known)}"
-
-
 def program_version() -> str:
     """Version of heronry as it is installed."""
     return version("heronry")
 
 
 def _kind(type_name: str) -> str:
-    """What a value should have been: all readers of values in this project read numbers."""
+    """Name the kind of value that was expected: a number, for every reader of values in this project."""
     return "whole number" if type_name in ("int", "whole_number") else "number"

@@ -1,21 +1,21 @@
 """Commands with their tags: how a manager numbers and tags them, and which of them a receiver accepts.
 
-Every command is followed by one TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of tag. A
-manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A command
-is accepted when its TAG comes, and only if its number is above that of the last one: `CommandVerifier` decides this,
-for a PE and for the standby manager alike.
+Every command is followed by one frame TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of
+tag. A manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A
+command is accepted when its TAG comes, and only if its number is above that of the last accepted command.
+`CommandVerifier` decides this, for a PE and for the standby manager alike. It has two states for each manager:
 
     no place     no command of this manager is accepted: the receiver has just started, and frames may be old
-    a place      (term, number) of the last accepted command; the next one must be above it
+    a place      (term, number) of the last accepted command; the next accepted command must be above it
 
 A PE gains a place only by a WELCOME, whose tag covers the nonce that the PE has just drawn. A standby manager sends no
 nonce, and gains a place by trying the upper bits of the number (`seek`).
 
 If a command or its TAG is lost, the other of the two is dropped with the next command of its kind, or after
 `patience_ns`. A late command is refused if a newer one was accepted before. A doubled TAG is refused, since its number
-is not above the last. The tag of a forged, changed or replayed command, or of one from another fleet, is not valid.
-None of this changes a place, and each case is counted in `refused`. A receiver that has missed 8 192 commands can no
-longer find the number, and has to gain a place anew.
+is not above the last. The tag of a forged, changed or replayed command, or of a command from another fleet, is not
+valid. None of these cases changes a place, and each case is counted in `refused`. A receiver that has missed 8 192
+commands can no longer find the number, and has to gain a place anew.
 
 The verifier holds a limited number of commands, and checks a limited number of tags for every TAG, so a flood of frames
 cannot exhaust the receiver.
@@ -74,7 +74,7 @@ class CommandSigner:
         return None if kind is None else self._tag(kind, frame.data)
 
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
-        """Answer the nonce of a PE: give the WELCOME that opens its session, and the TAG of that WELCOME."""
+        """Answer the nonce of a PE: give the WELCOME that opens the PE's session, and the TAG of that WELCOME."""
         number = self.number + 1
         answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
@@ -90,7 +90,7 @@ class CommandVerifier:
     """Accepts commands of managers, or refuses them."""
 
     def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
-        """patience_ns: how long a command waits for its TAG. seek: find a place without a nonce."""
+        """patience_ns: how long a command waits for its TAG. seek: find a place by trying numbers, without a nonce."""
         self._key, self._patience_ns, self._seek = key, patience_ns, seek
         self._held: dict[tuple[int, int], deque[Held]] = {
             (manager, kind): deque() for manager in MANAGER_NODES for kind in range(WELCOME_KIND + 1)
@@ -111,10 +111,10 @@ class CommandVerifier:
     def tagged(
         self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE, *, is_counted: bool = True
     ) -> Held | Refusal:
-        """Take a TAG, and give the command that it makes accepted, or the reason for refusal.
+        """Take a TAG; give the command that is accepted with it, or the reason why the TAG is refused.
 
-        nonce: the nonce that the PE sent last, if its answer may still come.
-        is_counted: whether a refusal is counted; false where the TAG may belong to an answer to another node.
+        nonce: the nonce that the PE sent last, if its answer may still come. is_counted: whether a refusal is counted;
+        false where the TAG may belong to an answer to another node.
         """
         found = self._find(manager, data, arrived_ns, nonce)
         if isinstance(found, Refusal) and is_counted:
@@ -150,7 +150,7 @@ class CommandVerifier:
         return refusal
 
     def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
-        """Accept a held command, and drop the commands before it: they were sent earlier, and their TAGs were lost.
+        """Accept a held command, and drop the commands held before it, whose TAGs were lost.
 
         If a command was received twice, the time of the second copy counts, and both copies leave the queue. A copy
         left there would pair with the TAG of the next equal command, which would then get the wrong time of arrival.
@@ -199,7 +199,7 @@ class CommandVerifier:
 
 
 def _term(kind: int, payload: bytes, otherwise: int) -> int:
-    """Term that a command names; `otherwise` for SLICE, which names none."""
+    """Term that a command names; `otherwise` for SLICE, which has no field for a term."""
     if kind == Command.SLICE:
         return otherwise
     first = int.from_bytes(payload[:2], "big")

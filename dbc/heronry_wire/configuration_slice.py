@@ -3,16 +3,16 @@
 All its numbers are indices into the PE's table (`pe_table`): modules, modes, and *sources*, which are the
 pairs (producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so
 that equal slices have equal bytes and equal digests. Every slice has one encoding; other bytes (an index given twice, a
-number longer than needed) are refused:
+number longer than needed) are refused. The encoding:
 
-    number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
+    number of modules, then for each: module, mode, and for each leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer
     number of sources published, then for each: source, bit mask of this PE's buses
     number of sources forwarded (gateways), then for each: source, node-ID of its producer, mask of buses
-    where there are any: number of expendable modules, then each: those that stop while no manager is heard
+    only if there are expendable modules: their number, then each; they stop while no manager is heard
 
-The slice of a PE that runs no module and forwards nothing has no bytes: the head of SLICE is enough. The digest of a
-slice covers the spec's digest too, so a PE with the table of another spec stages nothing.
+The slice of a PE that runs no module and forwards nothing has no bytes: SLICE with index 0 is then enough. The digest
+of a slice covers the spec's digest too, so a PE with the table of another spec stages nothing.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from heronry_wire.packing import PackingError, Unpacker, pack
 
 @dataclass(frozen=True, slots=True)
 class ModuleSlice:
-    """One module to run: its index, its mode, and per leaf of that mode the source it reads (None: not wired)."""
+    """One module to run: its index, its mode, and the source that each leaf of the mode reads (None: not wired)."""
 
     module: int
     mode: int
@@ -43,7 +43,7 @@ class Slice:
     expendable: frozenset[int] = frozenset()  # modules that stop while no manager is heard (`safe_mode`)
 
     def encode(self) -> bytes:
-        """Encode; equal slices give equal bytes, and the empty one gives none."""
+        """Encode the slice; equal slices give equal bytes, and the empty slice gives none."""
         if self == Slice():
             return b""
         numbers = [len(self.modules)]

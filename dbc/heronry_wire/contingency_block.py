@@ -1,6 +1,6 @@
 """The contingencies that a PE has on board: its slices of configurations to which the manager refers by number.
 
-Numbers are as in `packing`; most contingencies do not change most PEs, so each different slice is kept once:
+Numbers are as in `packing`. Most contingencies do not change most PEs, so equal slices are kept once:
 
     number of different slices, then for each: its length and its bytes
     number of contingencies, then for each, from number 1: index of its slice

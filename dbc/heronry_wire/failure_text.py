@@ -1,8 +1,8 @@
-"""The text of a module's failure as it travels: from the module's process to its agent, over SDO to the manager.
+"""The text of a module's failure on its way: from the module's process to its agent, and over SDO to the manager.
 
-Each hop takes the text from a process that it does not trust: a module may put anything into the message of an
-exception, and any node may answer an SDO request. So each hop makes the text plain again: printable ASCII, with every
-other character escaped (an escape sequence for a terminal loses its effect), and no longer than the limit. The text
+Each receiver takes the text from a process that it does not trust: a module may put anything into the message of an
+exception, and any node may answer an SDO request. So each receiver makes the text plain again: printable ASCII, no
+longer than the limit, with every other character escaped (an escape sequence for a terminal loses its effect). The text
 decides nothing; people read it.
 """
 
@@ -29,7 +29,7 @@ def plain_traceback(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Escape what is not printable ASCII; only the part that can matter is looked at."""
+    """Escape what is not printable ASCII; of a very long text, only the part that can be kept is read."""
     return "".join(c if " " <= c <= "~" else _escaped(c) for c in text[: TRACEBACK_BYTES + 1])
 
 

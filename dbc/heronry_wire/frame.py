@@ -1,8 +1,9 @@
-"""The frame: the one unit that goes into and comes out of every core, and its text form.
+"""The frame: the unit that every core takes in and gives out, and its text form.
 
 This file defines the frame as cores see it (identifier, data, three flags), the order in which frames win arbitration,
-and the text form, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log (`(12.000345) can0
-130#...`), so that a recorded flight replays through the cores, and a simulated one opens in any CAN tool.
+and the text form. The text form is the notation of can-utils (`130#01020000BFC00000`), and the lines of its log
+(`(12.000345) can0 130#...`). So a recorded flight can be replayed through the cores, and a simulated flight opens in
+any CAN tool.
 
 States: none. Everything here is a pure function of its arguments.
 
@@ -12,8 +13,9 @@ Errors have two forms, used by all of this package:
   peer and goes on;
 - a call of this project's own code with an impossible value raises `WireError`, with a sentence that says what to do.
 
-Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`), and a remote frame has no data and
-no requested length: no protocol of this project sends or answers one, and an empty frame cannot be taken for a datum.
+Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`). A remote frame has no data and no
+requested length: no protocol of this project sends or answers a remote frame, and an empty frame cannot be taken for a
+datum.
 """
 
 import re
@@ -45,9 +47,9 @@ class Malformed(NamedTuple):
 class Frame(NamedTuple):
     """One classical CAN frame.
 
-    `can_id` has 11 bits, or 29 when `extended`; `data` has 0..8 bytes, none when `remote`. With `error` set it is not
-    traffic but a controller's report (SocketCAN error frame): `can_id` then holds the error class.
-    A constructor call checks nothing: cores make frames through the codecs, drivers take them from hardware.
+    `can_id` has 11 bits, or 29 when `extended`; `data` has 0..8 bytes, none when `remote`. With `error` set the frame
+    is not traffic but a controller's report (SocketCAN error frame): `can_id` then holds the error class. A constructor
+    call checks nothing: cores make frames through the codecs, drivers take them from hardware.
     """
 
     can_id: int
@@ -66,11 +68,11 @@ class LoggedFrame(NamedTuple):
 
 
 def arbitration_key(frame: Frame) -> int:
-    """Order frames as arbitration does: of two that start together, the one with the smaller key wins.
+    """Key by which frames sort as in arbitration: of two frames that start together, the one with the smaller key wins.
 
-    The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18
-    bits and RTR. So a standard frame wins against an extended one with the same base, and a data frame against the
-    remote frame of its identifier. Never compare 29-bit identifiers with 11-bit ones as integers.
+    The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18 bits and
+    RTR. So a standard frame wins against an extended one with the same base, and a data frame against the remote frame
+    of its identifier. Never compare 29-bit identifiers with 11-bit ones as integers.
     """
     if frame.extended:
         base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF

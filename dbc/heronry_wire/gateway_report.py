@@ -1,4 +1,4 @@
-"""The report of a gateway on the radio behind it: how much of its bandwidth can be used (protocol rule 9).
+"""The report of a gateway on a radio to which it leads: which share of the radio's bandwidth can be used.
 
     LINK, of radio r       291 + r       from the gateway between r and the manager, toward the manager
 
@@ -10,6 +10,8 @@ Reports are not acknowledged. The next report replaces a lost one, a doubled rep
 recognized by its sequence. A forged report can reduce the bandwidth to the ground, or cut the ground off; the modules
 on board do not depend on it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
 ValueError.
+
+Source: docs/protocol.md, protocol rule 9.
 """
 
 from dataclasses import dataclass

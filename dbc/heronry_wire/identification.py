@@ -1,7 +1,7 @@
 """Identification (IDS), the one CANaerospace node service that every node must answer (protocol rule 12).
 
-A request to this node is answered immediately, a request to all nodes after (n - 92) ms, so that the answers do not all
-start together. Other services, other channels and malformed requests are not answered.
+Node n answers a request to itself immediately, and a request to all nodes after (n - 92) ms, so that the answers do not
+all start together. Other services, other channels and malformed requests are not answered.
 """
 
 from heronry_wire.frame import Frame, Malformed

@@ -187,7 +187,7 @@ _MEANINGS = dict(planned_uses())
 
 
 def classify(can_id: int) -> Meaning:
-    """Give the meaning of an 11-bit identifier; UNASSIGNED for one that is not in the plan."""
+    """Give the meaning of an 11-bit identifier; UNASSIGNED for an identifier that is not in the plan."""
     return _MEANINGS.get(can_id, _UNASSIGNED)
 
 

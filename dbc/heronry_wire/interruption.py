@@ -10,18 +10,18 @@ A command passes through these states; only the functions named here move it on.
 
 - *Loading*: nothing has been done, so nothing is to be cleaned up. The handler ends the process at once. An exception
   would not do: code that runs during an import may swallow it, or turn it into an ImportError.
-- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. Python raises it
-  between two instructions, which never come while the main thread is in native code (CP-SAT searches for seconds), and
-  a callback of the interpreter may swallow it. Hence a second thread, which Python's own C handler wakes: after
-  `_PATIENCE_S` it kills the worker processes of `multiprocessing` and ends the process.
-- *Interrupted*: whatever the command does after that is no result. `expect_none` raises once more before a file is
+- *Running*: the handler raises `Interrupted` in the main thread, so that `with` blocks clean up. This may fail: Python
+  raises only between two instructions, but native code is one long instruction (CP-SAT searches for seconds), and a
+  callback of the interpreter may swallow the exception. Hence there is a second thread, which Python's own C handler
+  wakes. After `_PATIENCE_S` the thread kills the worker processes of `multiprocessing` and ends the process.
+- *Interrupted*: no output of the command counts as a result any more. `expect_none` raises once more before a file is
   written, and the exit code is that of the signal. A second signal ends the process at once.
 
 The exit code is 128 + the number of the signal: 130, 143, 129. A program that serves until it is stopped (the manager,
-an agent) installs handlers of its own, and the thread leaves such a signal alone. `in_order` does the same for a
-command whose clean-up takes longer. A signal that the parent process had ignored (`nohup`) stays ignored.
+an agent) installs its own handlers for these signals, and the thread leaves those signals alone. `in_order` does the
+same for a command whose clean-up takes longer. A signal that the parent process had ignored (`nohup`) stays ignored.
 
-What this does not reach: the first milliseconds of Python itself, before `begin`.
+A signal in the first milliseconds of Python itself, before `begin`, has Python's usual effect.
 """
 
 import os
@@ -42,20 +42,20 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _State:
-    """Which signal came, or 0, and whether the command cleans up in an order that takes its time."""
+    """Number of the signal that came, or 0; and whether the command needs time for its clean-up."""
 
     came = 0
     takes_time = False
 
 
 def begin() -> None:
-    """Take the signals, for a process that has nothing to clean up yet: each ends it at once."""
+    """Let a signal end the process at once from now on; for a process that has nothing to clean up yet."""
     _open_standard_streams()
     _handle(_end_at_once)
 
 
 def running() -> None:
-    """From now on raise `Interrupted`, and end the process where that has no effect."""
+    """Let a signal raise `Interrupted` from now on, and end the process where the exception has no effect."""
     if not _handle(_interrupt):
         return
     reader, writer = os.pipe()
@@ -78,14 +78,17 @@ def came() -> int:
 
 
 def expect_none() -> None:
-    """Raise `Interrupted` where a signal has come already: a result that came after it may be a worse one."""
+    """Raise `Interrupted` where a signal has come already: a result after a signal may be a worse one."""
     if _State.came:
         raise Interrupted
 
 
 @contextmanager
 def in_order() -> Iterator[None]:
-    """Let the first signal raise `Interrupted`, and let the clean-up take as long as it needs; a second one ends it."""
+    """Let the first signal raise `Interrupted`, and let the clean-up take as long as it needs.
+
+    A second signal ends the process at once.
+    """
     _State.takes_time = True
     try:
         yield
@@ -94,7 +97,10 @@ def in_order() -> Iterator[None]:
 
 
 def _handle(handler: Callable[[int, FrameType | None], NoReturn] | signal.Handlers) -> bool:
-    """Install a handler for each signal that is neither ignored nor somebody else's; tells whether there was one."""
+    """Install a handler for each signal that is not ignored and has no handler of other code.
+
+    Tells whether there was one.
+    """
     ours = (signal.SIG_DFL, signal.default_int_handler, _end_at_once, _interrupt)
     numbers = [number for number in NUMBERS if signal.getsignal(number) in ours]
     for number in numbers:
@@ -114,7 +120,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
 
 
 def _watch(reader: int) -> None:
-    """Wait for signals, which Python writes to the pipe as one byte each, whatever the main thread does."""
+    """Wait for signals, each of which Python writes to the pipe as one byte, whatever the main thread does."""
     while True:
         number = os.read(reader, 1)[0]
         if number not in NUMBERS or signal.getsignal(number) is not _interrupt:
@@ -133,13 +139,19 @@ def _end(number: int) -> NoReturn:
 
 
 def _report_unraisable(unraisable: "sys.UnraisableHookArgs", /) -> None:
-    """Python cannot raise in a callback: it would print a traceback, and go on. The thread ends the process."""
+    """Report nothing for `Interrupted` in a callback, where Python cannot raise it.
+
+    Python itself would print a traceback and go on. The second thread ends the process.
+    """
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 
 
 def _open_standard_streams() -> None:
-    """Open what the caller has closed (`>&-`), so that no file takes its number, and writing there is an error."""
+    """Open the standard streams that the caller has closed (`>&-`).
+
+    Otherwise a file would get the number of such a stream. Writing to a stream opened here is an error.
+    """
     for number, flags in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
             os.fstat(number)

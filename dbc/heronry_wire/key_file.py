@@ -50,7 +50,7 @@ def make_key(file: Path) -> Key:
             stream.flush()
             os.fsync(stream.fileno())
     except FileExistsError as error:
-        raise KeyFileError(f"{file} is there already; a key is never written over: name another file") from error
+        raise KeyFileError(f"{file} exists already, and heronry overwrites no key: name another file") from error
     except OSError as error:
         if descriptor >= 0:
             file.unlink(missing_ok=True)  # this call made it, and it holds no key

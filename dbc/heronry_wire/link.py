@@ -3,8 +3,8 @@
 A frame that was handed over is *in flight* until its echo comes back: the bus is opened with `receive_own_messages`,
 and the echo is recognized by its identifier and bytes (SocketCAN marks the frames of all programs on one host as "not
 received"). Only then does the next most urgent frame follow, so that a more urgent frame that is queued meanwhile goes
-first. An echo that does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and
-counted; if it comes after all, it is still recognized and taken out.
+first. If an echo does not come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue), the link gives the
+frame up and counts it. If the echo comes after all, it is still recognized, and is not received as a frame.
 
 Each arrival has a time: the link converts the time-stamp of the frame to the monotonic clock (`arrival_times`). So a
 process that was paused does not take old frames for new ones, and a clock of the day that is set changes nothing.
@@ -20,9 +20,10 @@ error ends a link that was once open:
            destroy frames. A bus that may take seconds to open (`slow_opening`) is opened in a thread
 
 `health` has the time since when the bus is lost, the link status events as sentences, and counts. LinkError is raised
-only where the bus cannot be opened at the start; a channel of a replicated bus (`replicated_link`) may begin lost.
+only where the bus cannot be opened at the start. A channel of a replicated bus (`replicated_link`) may be lost from the
+start, without an error.
 
-A node need not receive all frames: `accept` has the kernel (or the hub of a software bus) filter out identifiers that
+A node need not receive all frames: `accept` makes the kernel (or the hub of a software bus) filter out identifiers that
 the node does not take. Filters apply to echoes as well, so an identifier that is sent for the first time is added
 before the frame goes out.
 
@@ -63,7 +64,7 @@ _LATE_ECHOES = 16  # how many of the frames whose echo was given up are remember
 
 
 class Arrival(NamedTuple):
-    """A frame and when it arrived, in ns of CLOCK_MONOTONIC."""
+    """A frame and its time of arrival, in ns of CLOCK_MONOTONIC."""
 
     time_ns: int
     frame: Frame
@@ -75,7 +76,7 @@ class Link:
     def __init__(self, config: Mapping[str, Any], *, may_begin_lost: bool = False) -> None:
         """Open the bus that python-can's keyword arguments `config` describe; raises LinkError.
 
-        may_begin_lost: a bus that cannot be opened now begins as lost, and no error is raised.
+        may_begin_lost: if the bus cannot be opened now, the link begins as lost, and no error is raised.
         """
         self.name = bus_name(config)
         self.health = BusHealth(self.name)
@@ -306,7 +307,7 @@ class Link:
         return departed
 
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
-        """Tell whether a frame is an echo; if it is the echo of the frame in flight, hand over the next frame."""
+        """Tell whether a frame is an echo. If it is the echo of the frame in flight, hand over the next frame."""
         if frame == self._in_flight:
             self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None
@@ -336,9 +337,10 @@ class Link:
         self._overruns = dropped
 
     def _has_nothing_left(self) -> bool:
-        """Tell whether nothing is left to read after `recv` gave None: `recv` also gives None for an answer of a modem.
+        """Tell whether nothing is left to read after `recv` gave None.
 
-        Raises OSError where the connection has ended.
+        `recv` also gives None where a modem has sent an answer in place of a frame. Raises OSError where the connection
+        has ended.
         """
         if self._is_well_known or self._bus is None:
             return True

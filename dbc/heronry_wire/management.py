@@ -57,13 +57,13 @@ class Operation(IntEnum):
 
     ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): the manager has the
     # report. If it has only the report that a module was restarted, RESTART_HEARD is added to a
-    CLEAR = 2  # a = element kind, b = element index: the operator clears the faults of the element
+    CLEAR = 2  # a = element kind and place, b = element index: the operator clears the faults of the element
     WELCOME = 3  # a, b = upper and lower half of this command's number: the answer to the nonce of one PE
     RENEW = 4  # the PE is to send a fresh nonce: the manager cannot verify its states
     UNLOCK = 5  # a = seconds for which this one PE executes NMT commands and accepts SDO writes
-    HOLDS = 6  # a = element kind, b = element index: its fault is latched, or it is the phase. For a standby manager.
-    # A changed priority: a = PRIORITY and, in the high byte, the function; b = the priority, with BY_OPERATOR. CLEAR
-    # with the same a: the function has the priority of the spec again
+    HOLDS = 6  # a = element kind and place, b = element index: its fault is latched, or it is the phase. For a
+    # standby manager. A changed priority: a = PRIORITY and, in the high byte, the function; b = the priority, with
+    # BY_OPERATOR. CLEAR with the same a: the function has the priority of the spec again
 
 
 class ElementKind(IntEnum):
@@ -92,14 +92,18 @@ class FaultCode(IntEnum):
     MODULE_OVERRUN = 0xFF02
     REPORTED = 0xFF03  # a module reports that an element has failed
     PARTITION_ENDED = 0xFF04  # the process of a module ended while it ran
+    MODULE_MISSING = 0xFF05  # the code of a module is not on this PE, or cannot be loaded there
     MODULE_RESTARTED = 0xFF08  # not yet a fault: a module has failed, and was restarted; the detail counts the restarts
     CHANNEL_LOST = 0xFF09  # not a fault of the PE: this PE hears nothing on a channel of a replicated bus
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
+    UNKNOWN_OUTPUT = 0xFF0D  # a module has given an output that no mode has, in place of one of its mode
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 
+
+EVERYWHERE = 0  # in the place of CLEAR and HOLDS: the element as a whole
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter only a phase to which a rule leads from the present one
 RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: it acknowledges the restart of a module, not its failure
@@ -232,7 +236,7 @@ class Activate:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Command a PE to send pages 0 and 1 of its state now; node 0 addresses all PEs."""
+    """Command a PE to send pages 0 and 1 of its state now; node 0 means all PEs."""
 
     term: int
     node: int
@@ -245,7 +249,7 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """An operation on one PE, or on all with node 0."""
+    """An operation on one PE, or on all PEs with node 0."""
 
     term: int
     node: int
@@ -270,7 +274,7 @@ class Emergency:
 
     @property
     def acknowledgement(self) -> tuple[int, int]:
-        """Give the a and b of the ACKNOWLEDGE that belongs to this report."""
+        """Give the fields `a` and `b` of the ACKNOWLEDGE that answers this report."""
         restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
         return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
@@ -292,6 +296,16 @@ COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
     Control: Command.CONTROL,
 }
 """For each message the command that determines its identifier."""
+
+
+def element_field(kind: ElementKind, node: int = EVERYWHERE) -> int:
+    """Give the a of CLEAR and HOLDS: the kind, and of a module the node-ID of the PE on which alone it is out."""
+    return kind | node << 8
+
+
+def kind_and_place(a: int) -> tuple[int, int]:
+    """Give the number of the kind, and the node-ID of the place, in the a of CLEAR or HOLDS."""
+    return a & 0xFF, a >> 8
 
 
 def is_newer(epoch: int, than: int) -> bool:
@@ -406,7 +420,7 @@ def slice_node(data: bytes) -> int:
 
 
 def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
-    """Term of an ALIVE, and whether it names `node` (92..125): all that a PE needs of it. None for a wrong length."""
+    """Read what a PE needs of an ALIVE: its term, and whether it names `node` (92..125). None for a wrong length."""
     fields = ALIVE.unpack(data)
     return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
 

@@ -2,17 +2,14 @@
 
 This file encodes and decodes the channel, direction and service of a frame, and the bytes of a request or an answer
 (CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: all nodes), an answer the node-ID of
-its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115), answers
-the next one. Channel 110 is CANopen's (LSS) and is never used here.
+its sender. Requests on channel c have the identifier 128 + 2c (c = 0..35) or 2000 + 2(c - 100) (c = 100..115). Answers
+have the next identifier. Channel 110 is CANopen's (LSS) and is never used here.
 
 States: none. Every node of this project answers IDS on channel 0; a PE also answers TIS and STS there, and accepts NSS.
-The other services are here so that tools can send requests to units of other makers, and show the answers. If no answer
-comes within 100 ms (V1.7), the sender repeats the request. Every node answers a broadcast: in this project node n waits
+The other services have their codes here and no sender: a request to a unit of another maker is made by `request`, and
+its answer is read as a message; nothing here cuts or joins the blocks of DDS and DUS. If no answer comes within 100 ms
+(V1.7), the sender repeats the request. Every node answers a broadcast: in this project node n waits
 (n - 92) ms, so that the answers do not all start together.
-
-A block (DDS writes it, DUS reads it) consists of a start with the number of messages, data messages numbered from 0,
-and a checksum under the last number. What V1.7 does not specify (number of the first message, range of the sum) follows
-the common C implementation: from 0, and the sum of all bytes modulo 2**32.
 """
 
 from enum import IntEnum
@@ -23,12 +20,9 @@ from heronry_wire.frame import Frame, Malformed, WireError
 from heronry_wire.identifiers import FIRST_PE, HIGH_SERVICE_IDS, LOW_SERVICE_IDS, LSS_IDS
 
 BROADCAST = 0
-MAX_BLOCK_BYTES = 1020
 
 _NS_PER_MS = 1_000_000
 _FIRST_LOW_CHANNEL = 100
-_BYTES_PER_MESSAGE = 4
-_BLOCK_TYPES = (DataType.UCHAR, DataType.UCHAR2, DataType.UCHAR3, DataType.UCHAR4)
 
 
 class Service(IntEnum):
@@ -80,7 +74,7 @@ class ServiceMessage(NamedTuple):
 
 
 class Identification(NamedTuple):
-    """The answer to IDS, each 0..255: distribution 0 is the standard one, header type 0 the standard one."""
+    """The answer to IDS; each field is 0..255. Distribution 0 and header type 0 are the standard ones."""
 
     hardware_revision: int
     software_revision: int
@@ -126,7 +120,7 @@ def request(
     message_code: int = 0,
     value: Value = None,
 ) -> ServiceMessage:
-    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry no value, only a message code."""
+    """Make a request to a node (0: all nodes); IDS, STS, FPS, NIS and DSS carry a message code and no value."""
     return ServiceMessage(channel, is_answer=False, datum=Datum(node_id, data_type, service, message_code, value))
 
 
@@ -161,19 +155,3 @@ def read_identification(message: ServiceMessage) -> Identification | Malformed:
 def answer_delay_ns(request: ServiceMessage, node_id: int) -> int:
     """Time in ns that a node waits before it answers: 0, or (n - 92) ms if the request was for all nodes."""
     return (node_id - FIRST_PE) * _NS_PER_MS if request.datum.node_id == BROADCAST else 0
-
-
-def block_data(service: Service, node_id: int, block: bytes) -> list[Datum]:
-    """Cut a block into the data messages of DDS and DUS, numbered from 0."""
-    if not 1 <= len(block) <= MAX_BLOCK_BYTES:
-        raise WireError(f"a block of {len(block)} bytes: send 1 to {MAX_BLOCK_BYTES} at a time")
-    parts = [block[i : i + _BYTES_PER_MESSAGE] for i in range(0, len(block), _BYTES_PER_MESSAGE)]
-    return [
-        Datum(node_id, _BLOCK_TYPES[len(part) - 1], service, number, tuple(part) if len(part) > 1 else part[0])
-        for number, part in enumerate(parts)
-    ]
-
-
-def block_checksum(block: bytes) -> int:
-    """Give the CHKSUM value of a block: the sum of its bytes modulo 2**32."""
-    return sum(block) & 0xFFFF_FFFF

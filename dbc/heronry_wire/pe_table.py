@@ -1,9 +1,9 @@
-"""The table of one PE: all of a spec that a PE needs, compiled by the manager, read by the agent.
+"""The table of one PE: all that the PE needs of a spec. The manager compiles it, and the agent reads it.
 
 The agent knows no graph and no YAML. The table resolves the indices of a slice: modules and their modes and leaves,
-sources and their identifiers, and which nodes lie behind which bus. It is JSON text (UTF-8, stdlib only), written by
-`PeTable.to_json` and read by `PeTable.from_json`, which raises TableError for a text that it does not understand, and
-never builds part of a table.
+sources and their identifiers, and which nodes lie behind which bus. It is JSON text (UTF-8). `PeTable.to_json` writes
+it; `PeTable.from_json` reads it, raises TableError for a text that it does not understand, and never builds part of a
+table.
 
 Indices: modules, devices and buses count in the spec's order, over the whole spec. A *source* is a pair (producing
 module, variable), counted in the order of `Spec.sources`. A *port* is one of this PE's buses, in the order of its
@@ -83,7 +83,7 @@ class ModuleEntry:
     name: str
     image: str
     device: str | None
-    demux: bool  # a branch of a DEMUX: its output is exclusive
+    demux: bool  # a branch of a DEMUX, or an end of its `to`: its output is exclusive
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
     silent_output: bool = False  # its function has no actuator: only an output echo shows that it runs
@@ -159,7 +159,7 @@ class PeTable:
     command_period_ns: int = 0  # period of LEASE: the slowest heartbeat on its way to this PE (0: that of the uplink)
 
     def to_json(self) -> str:
-        """Text form, one line, keys in a fixed order."""
+        """Give the table as text in one line, with the keys in a fixed order."""
         return json.dumps(asdict(self), separators=(",", ":"))
 
     @staticmethod
@@ -267,5 +267,5 @@ def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:
     names = {f.name for f in fields(kind)}
     odd = sorted(set(raw) ^ names)
     if odd:
-        raise TableError(f"{where} misses or should not have {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}")
+        raise TableError(f"{where} lacks, or must not have, {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}")
     return kind(**{f.name: _read(f.type, raw[f.name], f"{where}.{f.name}") for f in fields(kind)})

@@ -1,8 +1,8 @@
 """Times of the protocol: every period, limit and cadence that both sides, the tools and the documents use.
 
-Each time stands here once. `period_ns` is always the heartbeat period of a bus, as the spec gives it. The name of a
-number of periods ends in `_PERIODS`, that of a time in `_NS`, and that of a cadence (every how many frames) in
-`_EVERY`.
+Each time stands here once. `period_ns` is always the heartbeat period of a bus, as the spec gives it. A name ends in
+`_PERIODS` if it is a number of periods, in `_NS` if it is a time, and in `_EVERY` if it says with every how many frames
+something happens. A *beat* is a frame that a node sends in every period: the state of a PE, the LEASE of a manager.
 
     1 1/4 periods     `late_ns`      a beat has not come in time: a PE is sent PING, a channel is behind
     k + 1/4 periods   `silent_ns`    k beats have not come: a PE is down, a channel is lost
@@ -80,27 +80,30 @@ RADIO_QUICK_PERIODS = 2
 
 
 def late_ns(period_ns: int) -> int:
-    """Time after the last beat at which the next one is late: a period and a quarter."""
+    """Time in ns after the last beat at which the next beat is late: a period and a quarter."""
     return silent_ns(period_ns, 1)
 
 
 def silent_ns(period_ns: int, misses: int) -> int:
-    """Time after the last beat at which `misses` beats have been missed: those periods, and a quarter."""
+    """Time in ns after the last beat at which `misses` beats have been missed: `misses` periods and a quarter."""
     return period_ns * misses + slack_ns(period_ns)
 
 
 def unsent_ns(period_ns: int) -> int:
-    """Time after the last frame of a PE at which none is on its way any more; period_ns: period of the slowest bus."""
+    """Time in ns after the last frame of a PE at which no frame of the PE is on its way any more.
+
+    period_ns: heartbeat period of the slowest bus between the PE and the listener.
+    """
     return silent_ns(period_ns, UNSENT_PERIODS)
 
 
 def heard_ns(period_ns: int, misses: int) -> int:
-    """Time within which a listener hears every node that is alive, even if `misses` beats of it are lost."""
+    """Time in ns in which a listener hears every node that is alive, even if `misses` beats of a node are lost."""
     return period_ns * (misses + 1)
 
 
 def slack_ns(period_ns: int) -> int:
-    """How early or late a beat may come and still be in time: a quarter of a period."""
+    """Largest deviation in ns of a beat that still is in time: a quarter of a period."""
     return period_ns // 4
 
 

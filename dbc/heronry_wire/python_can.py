@@ -1,4 +1,4 @@
-"""From python-can to this project: its messages as frames, its errors as one sentence, and its count of lost frames.
+"""Converts between python-can and this project: messages to frames, errors to one sentence; counts lost frames.
 
 A back-end may raise any exception: its own errors, those of the kernel, a NameError where its library is missing. Where
 a remedy is known, the sentence gives the remedy in place of the exception's text.

@@ -12,19 +12,21 @@ lost. Each channel is a `Link` with a queue of its own, and neither waits for th
     one is lost    (the interface is gone, bus-off, the wire is cut) the bus goes on: `lost_channels` names the channel
                    after `misses` heartbeats, and its link reports an event. The link tries to open the channel again
                    and again
-    both are lost  the bus is lost since the second channel was lost: `off_since_ns`. The return of one ends that
+    both are lost  the bus is lost, since the time at which the second channel was lost (`off_since_ns`). When one
+                   channel returns, the bus is no longer lost
     one returns    the channel is used immediately, and late frames on it are withheld (`channel_merge`). The channel
                    counts as lost until it has kept up for ten periods
 
-A break of this node's own wire affects this node, and a break of a sender's wire that sender, as a lost channel would.
+A node sees a break of its own wire, and a break of a sender's wire, as it would see a lost channel; the latter affects
+only frames of that sender.
 
 At the start one channel may be missing, since a node must come up in flight when a wire has failed: LinkError is raised
-only if neither can be opened.
+only if neither channel can be opened.
 
 Not detected here: if one node has lost channel 1 and another node channel 2, these two do not hear each other, while
 all other nodes hear both. Each node reports its own loss, and the operator has to decide.
 
-A bus with one channel is a plain `Link` (`open_link`), and none of this runs.
+A bus with one channel is a plain `Link` (`open_link`), and does not use this file's code.
 """
 
 from collections import deque
@@ -147,7 +149,10 @@ class ReplicatedLink:
         return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
 
     def departures_ns(self) -> list[int]:
-        """Give, for each frame that has left since the last call, the ns in the controller that sent it first."""
+        """Give, for each frame that has left since the last call, how long it was in the controller, in ns.
+
+        The controller is that of the channel that sent the frame first.
+        """
         departed = list(self._departed)
         self._departed.clear()
         return departed

@@ -2,10 +2,10 @@
 
     $XDG_RUNTIME_DIR/heronry, or /tmp/heronry-UID where this user has no such directory
 
-A manager listens in it as SPEC.sock, and a software bus is NAME.bus. A process that reaches these sockets can command
-the aircraft. So nobody listens in a folder of another user, or in one that others can write to, and nobody calls a
-socket there: anybody can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable)
-counts as none.
+A manager listens in it on SPEC.sock, a software bus on NAME.bus. A process that reaches these sockets can command
+the aircraft. So no program listens on, or connects to, a socket in a folder that belongs to another user or that others
+can write to: any user can make /tmp/heronry-UID first. An XDG_RUNTIME_DIR of another user (sudo keeps the variable) is
+ignored.
 """
 
 import os
@@ -40,7 +40,7 @@ def owned_folder(folder: Path) -> Path:
 
 
 def trusted_folder(folder: Path) -> Path:
-    """Give the folder back if it is this user's alone, or not there; raises RuntimeFolderError."""
+    """Give the folder back if it belongs to this user alone, or does not exist; raises RuntimeFolderError otherwise."""
     try:
         found = folder.lstat()
     except FileNotFoundError:

@@ -1,7 +1,7 @@
 """The vocabulary that every core shares with its driver: frames in, frames out, time.
 
-A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. It is called
-with `Tick` when its deadline has come, with `now_ns` never less than before. Before a driver reports a deadline, it
+A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. The driver calls
+it with `Tick` when its deadline has come, with `now_ns` never less than before. Before a driver reports a deadline, it
 hands over all frames that have arrived: after a pause, a node must not conclude from its own pause that all other nodes
 were silent.
 """
@@ -57,7 +57,7 @@ class Withdraw:
 class StandBack:
     """Until `until_ns`, on the core's clock, send only frames with a higher priority than data on a port.
 
-    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn: it
+    A core requests this during a reconfiguration. A data frame in the controller's mailbox cannot be withdrawn. It
     waits for the data of all other nodes, and the answer of this node to the manager would wait behind it.
     """
 
@@ -72,7 +72,8 @@ class InvariantError(AssertionError):
 def require(condition: bool, story: str, *facts: object) -> None:
     """Check an invariant, also under `python -O`; raises InvariantError with the text `story`.
 
-    The facts replace each `{}` in the story. The text is formatted only on failure, because this runs after every step.
+    The further arguments replace each `{}` in the story. The text is formatted only on failure, because this function
+    runs after every step.
     """
     if not condition:
         raise InvariantError(story.format(*facts))

@@ -1,8 +1,8 @@
-"""A bus that is slow to open, opened in a thread while its node goes on.
+"""Opens a bus in a thread, while its node goes on: for back-ends of python-can that are slow to open.
 
-Some back-ends of python-can wait for their hardware: slcan waits two seconds for its modem, and socketcand up to two
-for each answer of its server. Meanwhile the node must serve its other buses: a gateway whose radio is gone must not
-fall silent on the aircraft's bus. So a thread opens the bus, and the node polls for the result.
+slcan waits two seconds for its modem, and socketcand up to two seconds for each answer of its server. Meanwhile the
+node must serve its other buses: a gateway whose radio is gone must not fall silent on the aircraft's bus. So a thread
+opens the bus, and the node polls for the result.
 
     under way   the thread waits in the back-end
     done        `result` is the bus, or the error; the thread has ended

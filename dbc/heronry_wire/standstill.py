@@ -1,13 +1,14 @@
 """How late this computer lets a driver run: measured by the driver, handed to its core as an event.
 
-A process of which nothing is wrong may still wake up late: other processes have the processors, the computer swaps, a
-virtual machine is stopped. Then its frames are late, and other nodes call it lost. The driver measures this at each
-turn of its loop: how late it woke after its deadline, less the processor time that it has used itself since it woke
-last, since that is its own work and not a standstill. A wait that ends early (a frame has come) is never late.
+A process that works correctly may still wake up late: other processes have the processors, the computer swaps, a
+virtual machine is stopped. Then its frames are late, and other nodes call it lost. The driver measures its lateness at
+each turn of its loop: the time from its deadline until it woke, less the processor time that it has used since its last
+wake-up. The processor time is subtracted because the driver's own work is not a standstill. A wait that ends early
+(because a frame has come) is never late.
 
-A standstill longer than a quarter period, the slack of a heartbeat, is counted. A long one, longer than a period, may
-make another node doubt this one. It is told, but only once in TELL_AGAIN_NS, unless it is longer than the last one that
-was told.
+A standstill longer than a quarter period, the slack of a heartbeat, is counted. A standstill longer than a period may
+make another node suspect this one, so the core reports it in an event. It does so once in TELL_AGAIN_NS at most, unless
+a standstill is longer than the last one reported.
 """
 
 from dataclasses import dataclass
@@ -37,7 +38,7 @@ class Standstills:
     _told_at_ns: int = -TELL_AGAIN_NS
 
     def count(self, one: StoodStill, now_ns: int) -> bool:
-        """Count a standstill, and tell whether it is to be told."""
+        """Count a standstill, and tell whether the core is to report it."""
         self.times += 1
         self.longest_ns = max(self.longest_ns, one.for_ns)
         if one.for_ns <= self.period_ns:
@@ -65,7 +66,7 @@ class LatenessMeter:
         self._due_ns = due_ns or 0
 
     def woke(self, now_ns: int, used_ns: int) -> StoodStill | None:
-        """Take the end of a wait; gives the standstill, if it was one."""
+        """Take the end of a wait; gives the standstill if the loop woke too late, else None."""
         own_ns, self._used_ns = used_ns - self._used_ns, used_ns
         late_ns = now_ns - self._due_ns - own_ns
         return StoodStill(late_ns) if self._is_waiting and late_ns > self._slack_ns else None

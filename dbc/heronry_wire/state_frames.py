@@ -95,7 +95,10 @@ class StatePage0:
 
 @dataclass(frozen=True, slots=True)
 class StatePage1:
-    """The epoch of the last PREPARE, its staged digest (0: none yet) or why there is none, and the CPU load in %."""
+    """Page 1: the epoch of the last PREPARE, its staged digest or the reason why nothing is staged, and the CPU load.
+
+    The digest is 0 as long as nothing is staged. The load is in per cent.
+    """
 
     state: PeState
     flags: PeFlags
@@ -126,7 +129,10 @@ class StatePage2:
 
 @dataclass(frozen=True, slots=True)
 class StatePage3:
-    """With a key: digest of what runs, and commands refused for invalid tags and other reasons (modulo 2^16)."""
+    """Page 3, with a key: digest of the running configuration, and the number of refused commands (modulo 2^16).
+
+    One number counts commands with an invalid tag, the other commands refused for other reasons.
+    """
 
     state: PeState
     flags: PeFlags

@@ -1,7 +1,7 @@
-"""How long frames take, and how long they may have to wait.
+"""How long frames take on the wire, and how long they may have to wait.
 
-This file computes the length of a frame on the wire, exact or in the worst case, and for a set of periodic messages on
-one bus the longest time from the moment a message is due until its last bit has been sent.
+This file computes the length of a frame on the wire, exact or in the worst case. For a set of periodic messages on one
+bus it computes the longest time from the moment a message is due until its last bit has been sent.
 
 Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
 (ISO 11898-1). Start-of-frame to CRC is stuffed: after five equal bits one of the other kind is sent, which may itself
@@ -11,7 +11,7 @@ stuffing, and 54 + 8n of the 67 + 8n bits of a 29-bit frame.
 Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
 analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in the
 busy period is examined, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower priority
-that has just started, and for every frame of higher priority that is queued before it starts itself:
+that has just started. It also waits for every frame of higher priority that is queued before the message starts:
 
     busy period    t    = B + sum over this one and all above of ceil((t + J) / T) C
     instances      Q    = ceil((t + J) / T)
@@ -25,8 +25,8 @@ with the messages released inside it (`_Window`); each priority starts from the 
 The analysis assumes that every node sends by priority, not first-in-first-out. It ignores offsets between messages (the
 result is safe, and exact for unrelated clocks), and considers errors only if they are given (`Errors`).
 
-If a message and all above it load the bus to more than 9 999/10 000, the response time of that message counts as
-unbounded: the quartzes of two nodes differ by as much, and near full load the busy period grows without limit.
+If a message and all messages above it load the bus to more than 9 999/10 000, the response time of that message counts
+as unbounded. The clocks of two nodes may differ by as much, and near full load the busy period grows without limit.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ def exact_bits(frame: Frame) -> int:
 
 @lru_cache(maxsize=4096)
 def _head(header: int, header_bits: int) -> tuple[int, int, int]:
-    """Start a frame: give its bits without data and their stuff bits, the CRC so far, and the stuffing state."""
+    """Start a frame: give its length in bits without data, the CRC of the header, and the state of the stuffing."""
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
@@ -187,7 +187,7 @@ class _Window:
 
 
 class _Level(NamedTuple):
-    """What delays a priority level besides messages.
+    """The delays of a priority level that messages do not cause: blocking by a lower priority, and errors.
 
     Where one of these differs from the level above, the windows start anew.
     """
@@ -265,7 +265,7 @@ def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_erro
 
 
 def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
-    """Give how many messages, from the highest priority down, load the bus by less than all that it can carry."""
+    """Give the number of messages, from the highest priority down, that load the bus by less than it can carry."""
     whole = lcm(interval, *(stream.period for stream in streams))
     load = 0
     for index, (stream, level) in enumerate(zip(streams, levels, strict=True)):

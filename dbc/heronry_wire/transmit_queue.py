@@ -45,7 +45,10 @@ class TransmitQueue:
             self.dropped += 1
 
     def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
-        """Let the first frame equal to `frame` expire by `until_ns`, and drop the frames that have expired."""
+        """Let the first frame equal to `frame` expire at `until_ns` at the latest.
+
+        Drop the frames that have expired.
+        """
         kept = [one for one in self._frames if one[3] >= now_ns]
         self.expired += len(self._frames) - len(kept)
         self._frames = kept

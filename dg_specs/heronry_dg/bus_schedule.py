@@ -1,10 +1,11 @@
 """Every regular message on a bus, data and management, with its worst-case response time.
 
-Data, and the management frames with a higher priority (LEASE and ALIVE of a manager, the state of each PE on the bus),
-are those of semantics rule 9 (`response_times`), listed here under their identifiers. The CANopen heartbeats, once a
-second, have a lower priority than data; semantics rule 9 counts them, and all other frames below the data, as one
-8-byte frame that has just started. A response time counts from when a message is due at its source, so the response
-time of a datum on its second bus includes that on the first.
+The frames are those of semantics rule 9 (`response_times`), listed under their identifiers: all data, and the
+management frames with a higher priority than data. These management frames are LEASE and ALIVE of a manager, and the
+state of each PE on the bus. CANopen heartbeats, once a second, have a lower priority than data. Semantics rule 9 does
+not count them one by one: one 8-byte frame that has just started stands for all frames below the data. A response time
+counts from when a message is due at its source, so the response time of a datum on its second bus includes its response
+time on the first bus.
 
 Messages that are not regular are not listed: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL use the bandwidth of the
 reserve, and output echoes have a lower priority than everything else.
@@ -63,7 +64,7 @@ class BusSchedule:
     blocking_ns: int  # longest frame that may have started just before a message is due
 
     def share(self, message: ScheduledMessage) -> Fraction:
-        """Share of the bit rate that a message takes at most."""
+        """Share of the bit rate that a message takes at most, as a fraction."""
         return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
 
     @property
@@ -131,7 +132,7 @@ def _datum(
 
 
 def _arrives(hop: Hop, responses: _Responses) -> int | None:
-    """Latest time at which the datum of a hop comes to its bus; a wireless bus before that one adds nothing."""
+    """Latest time at which the datum of a hop arrives at the hop's bus; a wireless bus before this bus adds nothing."""
     before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
     return 0 if before is None else before.response_ns
 
@@ -139,7 +140,7 @@ def _arrives(hop: Hop, responses: _Responses) -> int | None:
 def _messages(
     spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
 ) -> tuple[ScheduledMessage, ...]:
-    """Add the regular management frames to the data of a bus; with response times where the bus is wired."""
+    """Add the regular management frames to the data of a bus; the result has response times if the bus is wired."""
     above, below = _above(spec, bus), _below(spec, bus)
     if bus.kind == "wired":
         bounded = [ns for ns in jitters if ns is not None]

@@ -1,8 +1,8 @@
 """The draft of a spec, between file and model: every element with its place, and its fields where they are correct.
 
-Elements are read one by one, so that a mistake in one element does not affect the others. An element with a mistake
-stays in the draft by name, with `form` None ("broken"). So a reference to a broken element is not an unknown name, and
-code that needs its fields skips it without a finding.
+Elements are read one by one, so that a mistake in one element does not affect the others. An element with a mistake is
+called *broken*: it stays in the draft under its name, with `form` None. So a reference to a broken element is not an
+unknown name, and code that needs the fields of a broken element skips the element without a finding.
 
 This file also translates each error of pydantic into a finding about the field, at the place of its value.
 """
@@ -224,8 +224,8 @@ class _DraftReader:
     ) -> F_co | None:
         """Read the fields of an element; None, and findings, where a field has a mistake.
 
-        known: names of fields to suggest, if not only those of `form`. misspelt: fields that are present under a wrong
-        name, so not reported as missing.
+        known: names of fields to suggest, if they are not just those of `form`. misspelt: fields that the file has
+        under a wrong name; they are not reported as missing.
         """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:

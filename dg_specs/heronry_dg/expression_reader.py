@@ -2,10 +2,10 @@
 
 A `Reading` is an expression together with facts that the gates around it need: the place of each leaf (for a leaf of a
 named gate: the place where that gate is named), whether the expression holds with nothing wired, its DEMUXes and its
-depth. A named gate is read before the gates that name it, so a name always refers to a gate that has been read; the
-order also shows cycles of names. Leaves below an OR or a XOR have another default worth, so each named gate is read
-once per default worth, and all expressions that name it share the result. Gates that would unfold into too many inputs
-are refused from the count alone.
+depth. A named gate is read before the gates that name it, so a name always refers to a gate that has been read. Where
+no such order exists, names form a cycle, which is reported. Leaves below an OR or a XOR have another default worth. So
+each named gate is read once per default worth, and all expressions that name the gate share the result. Gates that
+would unfold into too many inputs are refused: the inputs are counted before anything is unfolded.
 
 The reading of a part with a mistake is None; the parts around it are still read, to find their mistakes too.
 """
@@ -87,7 +87,7 @@ class ExpressionReader:
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
-        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "write only variables into one of these gates")
+        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "let one of these gates name variables only")
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:

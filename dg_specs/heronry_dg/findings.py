@@ -8,16 +8,17 @@ broken adds no finding.
 rules/ lists everything that can be wrong, each with its code.
 """
 
-import difflib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from heronry_dg.rules.rule import Rule, Severity
 from heronry_wire.errors import HeronryError, on_one_line
+from heronry_wire.spelling import close
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
+_MOST_TOLD = 5  # findings in the text of an error
 _MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not take minutes
 
 
@@ -54,11 +55,18 @@ class Finding:
 
 
 class SpecError(HeronryError, ValueError):
-    """A spec cannot be loaded; `findings` says why, in the order of the file. The text has one line per finding."""
+    """A spec cannot be loaded; `findings` says why, in the order of the file.
+
+    The text has one line per finding, for the first ones: a file that is no spec at all may have hundreds.
+    """
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(sorted(findings))
-        super().__init__("\n".join(str(finding) for finding in self.findings))
+        lines = [str(finding) for finding in self.findings[:_MOST_TOLD]]
+        more = len(self.findings) - len(lines)
+        if more:
+            lines.append(f"and {more} more; is this the right file? 'heronry check {self.findings[0].file}' lists all")
+        super().__init__("\n".join(lines))
 
 
 class Findings:
@@ -104,7 +112,8 @@ class Findings:
             return None
         self._comparisons_left -= len(known)
         spelt = {one.lower(): one for one in known}
-        return next((spelt[found] for found in difflib.get_close_matches(name.lower(), spelt, n=1)), None)
+        found = close(name.lower(), spelt)
+        return None if found is None else spelt[found]
 
     def error(self) -> SpecError:
         """Give all findings as one error."""

@@ -89,7 +89,7 @@ class _GateRules:
         for function in self._draft.functions.values():
             if function.form is None or function.form.value is None:
                 continue
-            outputs = self.branches.get(function.form.output, [function.form.output])
+            outputs = self._outputs(function.form.output)
             modes = [len(self._draft.modules[name].modes) for name in outputs if name in self._draft.modules]
             if modes and self._all_is_read() and len(function.form.value) != max(modes):
                 sentence = (
@@ -136,6 +136,12 @@ class _GateRules:
                 sentence = f"mode '{mode.name}' of module '{module.name}' does not name DEMUX '{demux}'"
                 hint = "other modes of the module do: every mode of a branch must"
                 self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
+
+    def _outputs(self, name: str) -> list[str]:
+        """Modules of which one serves a function with this output."""
+        demux = self._draft.demuxes.get(name)
+        ends = demux.form.to if demux is not None and demux.form is not None else []
+        return ends or self.branches.get(name, [name])
 
     def _all_is_read(self) -> bool:
         modules = self._draft.modules.values()

@@ -133,7 +133,10 @@ def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool
 
 
 def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], int]) -> int:
-    """Most points that the leaves of an expression can have together; `of_leaf` gives the points of one, 0 or more."""
+    """Most points that the leaves of an expression can have together.
+
+    `of_leaf` gives the points of one leaf, 0 or more.
+    """
 
     def together(gate: Gate, points: list[int]) -> int:
         return most_together(points, bounds(gate)[1])
@@ -142,12 +145,12 @@ def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], in
 
 
 def most_together(points: Sequence[int], most: int) -> int:
-    """Sum of the `most` largest of `points`: the most that so many inputs can have together."""
+    """Sum of the `most` largest numbers of `points`: the most points that `most` inputs can have together."""
     return sum(points) if most == len(points) else sum(sorted(points, reverse=True)[:most])
 
 
 def with_leaves(expression: Expression, changed: Callable[[Leaf], Leaf]) -> Expression:
-    """Give the same tree, with each leaf replaced by `changed` of it."""
+    """Give the same tree, with each leaf replaced by `changed(leaf)`."""
     return fold(expression, lambda leaf, _: changed(leaf), lambda gate, inputs: replace(gate, inputs=tuple(inputs)))
 
 

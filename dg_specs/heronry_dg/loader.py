@@ -2,7 +2,7 @@
 
 The stages: bytes -> tree with places (yaml_source) -> elements with exact fields (draft, schema, quantities) -> gates
 written out (expression_reader, gate_rules), and names and numbers checked against one another (reference_rules) -> the
-model. This file builds the model, only if there are no findings that stop it.
+model -> the paths behind DEMUXes (demux_paths). This file builds the model, only if there are no findings that stop it.
 """
 
 import gc
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from heronry_dg import schema, yaml_source
+from heronry_dg.demux_paths import check_demux_paths
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
 from heronry_dg.field_types import DEFAULT_PHASE, NAME_PATTERN
 from heronry_dg.findings import Findings, Place
@@ -99,12 +100,17 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     if findings:
         blame_declarations(draft, findings)
         return None
-    return Loaded(draft, gates, _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest()))
+    spec = _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest())
+    check_demux_paths(draft, spec, findings)
+    return Loaded(draft, gates, spec) if not findings else None
 
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Switch the garbage collector off: loading makes no garbage, and repeated searches would take quadratic time."""
+    """Switch Python's garbage collector off while a spec is loaded.
+
+    Loading leaves no cyclic garbage, and repeated searches for garbage would take quadratic time.
+    """
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -131,6 +137,9 @@ def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
     header = _of(draft.header)
     contingency = _of(draft.contingency.form)
     buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
+    demuxes = {
+        name: Demux(name, form.demux, gates.branches[name], tuple(form.to)) for name, form in _forms(draft.demuxes)
+    }
     return Spec(
         name=header.name or file_name,
         digest=digest,
@@ -139,10 +148,10 @@ def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
         pes={name: _pe(name, form) for name, form in _forms(draft.pes)},
         devices={name: Device(name, form.kind, form.pe, form.rate_per_h) for name, form in _forms(draft.devices)},
         variables={name: _variable(name, form) for name, form in _forms(draft.variables)},
-        demuxes={name: Demux(name, form.demux, gates.branches[name]) for name, form in _forms(draft.demuxes)},
+        demuxes=demuxes,
         shorthands=gates.shorthands,
         modules={name: _module(module, gates) for name, module in draft.modules.items()},
-        functions={name: _function(name, form, gates) for name, form in _forms(draft.functions)},
+        functions={name: _function(name, form, demuxes) for name, form in _forms(draft.functions)},
         phases={name: _phase(name, form, list(draft.phases)) for name, form in _forms(draft.phases)},
         separate=tuple(tuple(group) for group in header.separate),
         together=tuple(tuple(group) for group in header.together),
@@ -224,11 +233,11 @@ def _mode(module: str, name: str, form: schema.ModeForm, gates: Gates) -> Mode:
     )
 
 
-def _function(name: str, form: schema.FunctionForm, gates: Gates) -> Function:
+def _function(name: str, form: schema.FunctionForm, demuxes: Mapping[str, Demux]) -> Function:
     return Function(
         name=name,
         output=form.output,
-        outputs=gates.branches.get(form.output, (form.output,)),
+        outputs=demuxes[form.output].ends if form.output in demuxes else (form.output,),
         criticality=_by_phase(form.criticality),
         priority=_by_phase(form.priority),
         value=_optional_tuple(form.value),
@@ -261,7 +270,7 @@ def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
 
 
 def _of(value: V | None) -> V:
-    """Give a value that cannot be None in a spec without findings."""
+    """Give `value`, which is not None in a spec without findings; raises an internal error if it is None."""
     if value is None:
         raise AssertionError("a spec without findings lacks a value")
     return value

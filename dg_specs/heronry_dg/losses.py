@@ -1,19 +1,20 @@
 """Which elements faults take out of use, and whether a configuration works without them.
 
-A configuration *uses* the modules that it runs, the PEs on which they run and the devices that they drive. Faults take
-out of use the elements that they name, and others as a consequence: the devices of a dead PE are out of use, and a PE
-without a route to the manager's bus counts as down.
+A configuration *uses* the modules that it runs, the PEs on which they run (and so their places) and the devices that
+they drive. Faults take out of use the elements that they name, and others as a consequence: the devices of a dead PE
+are out of use, and a PE without a route to the manager's bus counts as down.
 
-*A best configuration remains the best iff it uses no lost element.* Then it is as legal and as good as before.
-Semantics rules 3 to 6 and 8 concern the configuration alone; capacities do not change; and its frames take the same
-buses, hence need the same bandwidth and response times. Buses and gateways on its routes need no check: both ends of a
-route are in use, so both still have a route to the manager's bus. Together these give a route between the ends, and in
-a forest of buses that is the same route as before.
+*A configuration that is the best before some faults is also the best after them, iff it uses no element that the faults
+take out of use.* Reasons why it is still legal: semantics rules 3 to 6 and 8 concern the configuration alone.
+Capacities do not change. The frames of the configuration take the same buses, so they need the same bandwidth and have
+the same response times. The buses and gateways on the routes need no check: both PEs at the ends of a route are in use,
+so both still have a route to the manager's bus. Together these two give a route between the ends, and in a forest of
+buses no other route exists than the one before.
 
 *More faults leave fewer configurations.* A configuration that is legal with some elements down is legal, and has the
 same value, with fewer elements down: the argument above holds in reverse. So if a plan is the best with the faults F,
-and uses no element that the faults E take out of use, it is also the best with F and E together, at all seven levels,
-as long as level 4 compares with the same running configuration.
+and uses no element that the faults E take out of use, the plan is also the best with F and E together. This holds at
+all seven levels of the objective, as long as level 4 compares with the same running configuration.
 """
 
 from heronry_dg.configuration import Configuration
@@ -22,23 +23,24 @@ from heronry_dg.situation import Situation, Survivors, survivors
 
 
 def lost_elements(spec: Spec, now: Situation) -> frozenset[str]:
-    """PEs, devices and modules that a situation takes out of use, directly or as a consequence."""
+    """PEs, devices, modules and places that a situation takes out of use, directly or as a consequence."""
     return lost_of(survivors(spec, now))
 
 
 def lost_of(left: Survivors) -> frozenset[str]:
-    """Do what `lost_elements` does, for survivors that are already computed."""
+    """Do what `lost_elements` does, for `Survivors` that are already computed."""
     spec = left.spec
     pes = (f"pe:{pe}" for pe in spec.pes if pe not in left.pe_cpu_millis)
     devices = (f"device:{device}" for device in spec.devices if device not in left.devices)
-    return frozenset((*pes, *devices, *(f"module:{module}" for module in left.failed_modules)))
+    places = (f"module:{module}@{pe}" for module, pe in left.failed_places)
+    return frozenset((*pes, *devices, *(f"module:{module}" for module in left.failed_modules), *places))
 
 
 def used_elements(spec: Spec, configuration: Configuration) -> frozenset[str]:
-    """PEs, devices and modules that a configuration uses."""
+    """PEs, devices, modules and places that a configuration uses."""
     used = set[str]()
     for name, running in configuration.modules.items():
-        used.update((f"module:{name}", f"pe:{running.pe}"))
+        used.update((f"module:{name}", f"module:{name}@{running.pe}", f"pe:{running.pe}"))
         device = spec.modules[name].device
         if device is not None:
             used.add(f"device:{device}")

@@ -1,12 +1,16 @@
 """Reports an undeclared name as one mistake, however many elements use the name.
 
-If several elements use the same unknown name, the declaration is wrong, not the uses. There are three cases. An element
-with a similar name is declared, and nothing uses it: the declaration is misspelt, and one finding at the declaration
-replaces those at the uses. No similar name is declared: the declaration is missing, and one finding is placed at the
-section that lacks it. A similar name is declared and used: it is unclear which one the author meant, so the findings
-stay at the uses. A single use of an unknown name is a misspelt use, and the finding stays there, with one exception: an
-unused declaration has a similar name, and its words occur nowhere else in the file, but those of the use do. For
-example, `gps` is used once, `gsp` is declared, and so is `gps_altitude`.
+If several elements use the same unknown name, the declaration is wrong, not the uses. There are three cases:
+
+- An element with a similar name is declared, and nothing uses that element. Then the declaration is misspelt: one
+  finding at the declaration replaces the findings at the uses.
+- No similar name is declared. Then the declaration is missing: one finding is placed at the section that lacks it.
+- A similar name is declared and used. Then it is unclear which name the author meant: the findings stay at the uses.
+
+If one element uses an unknown name, the use is misspelt, and the finding stays there. There is one exception, in which
+the declaration counts as misspelt: nothing uses a declared element with a similar name, the words of the declared name
+occur nowhere else in the file, and the words of the used name do. For example, `gsp` is declared, `gps` is used once,
+and `gps_altitude` is declared as well.
 """
 
 from collections import Counter
@@ -50,7 +54,10 @@ def blame_declarations(draft: Draft, findings: Findings) -> None:
 
 
 def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
-    """Tell whether the words only in `name` occur elsewhere in the file, and those only in `other` do not."""
+    """Tell whether `name`, rather than `other`, is the name that the author meant.
+
+    It is if each word that only `name` has occurs elsewhere in the file, and no word that only `other` has does.
+    """
     one, two = set(name.split("_")), set(other.split("_"))
     return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)
 

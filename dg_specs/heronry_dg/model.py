@@ -3,11 +3,11 @@
 Quantities are integers: CPU in thousandths of a reference core, memory in bytes, rates in millihertz, bandwidth in
 bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions. Mappings keep the order of the file,
 and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
-DEMUX is its primary, and ties in identifier allocation go to the earlier name.
+DEMUX (with `to`: the first end) is its primary, and ties in identifier allocation go to the earlier name.
 
 The loader ensures that in every `Spec` names are unique within their kind, every name that is used exists, the buses
 form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value, gates have legal
-arities, and a DEMUX has at least two branches.
+arities, and a DEMUX has at least two branches, and as many ends, of which each belongs to one branch (`demux_paths`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -133,11 +133,23 @@ class Module:
 
 @dataclass(frozen=True, slots=True)
 class Demux:
-    """A gate that lets at most one of its branches, which are modules, run."""
+    """A gate that lets at most one of its branches, which are modules, run; a branch may begin a path of modules."""
 
     name: str
     variable: str
     branches: tuple[str, ...]  # modules, in the spec's order: the first is the primary
+    to: tuple[str, ...] = ()  # modules at which the paths end, the preferred one first; (): each branch is its own end
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """Modules of which one runs when the DEMUX serves, the preferred one first."""
+        return self.to or self.branches
+
+    @property
+    def exclusives(self) -> Mapping[str, tuple[str, ...]]:
+        """Sets of modules of which at most one runs, by the name of the exclusive thing that such a set drives."""
+        things = {self.name: self.branches}
+        return {**things, f"{self.name}.to": self.to} if self.to else things
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +158,7 @@ class Function:
 
     name: str
     output: str  # a module, or a DEMUX
-    outputs: tuple[str, ...]  # that module, or the branches of that DEMUX
+    outputs: tuple[str, ...]  # that module, or the ends of that DEMUX
     criticality: Mapping[str | None, Criticality]  # by phase; key None: all other phases
     priority: Mapping[str | None, int]
     value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m for mode i (from 0) of m
@@ -159,7 +171,7 @@ class Function:
     def priority_in(self, phase: str | None) -> int:
         """Priority in a phase as the spec has it; 0: the function is not wanted.
 
-        `Situation.priority_of` gives the one that holds in flight.
+        `Situation.priority_of` gives the priority in flight, which a module may have changed.
         """
         return self.priority.get(phase, self.priority[None])
 
@@ -191,7 +203,10 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A part of the physical world: what moves it, what sees it, and which other parts it affects. No plan needs it."""
+    """A part of the physical world: what moves it, what sees it, and the plants that it affects.
+
+    Actuators move a plant, and sensors see it. No planner reads plants.
+    """
 
     name: str
     moved_by: tuple[str, ...] = ()  # actuators
@@ -229,14 +244,24 @@ class Spec:
     contingency: Contingency = Contingency()
     plants: Mapping[str, Plant] = field(default_factory=dict)
 
+    def exclusive_things(self) -> dict[str, tuple[str, ...]]:
+        """Give for each branch or end of a DEMUX the names of the exclusive things that it drives."""
+        things: dict[str, tuple[str, ...]] = {}
+        for demux in self.demuxes.values():
+            for thing, modules in demux.exclusives.items():
+                for module in modules:
+                    things[module] = (*things.get(module, ()), thing)
+        return things
+
     def initial_phase(self) -> str | None:
         """Name of the phase that is assumed when none is given; None where the spec has no phases."""
         return next(iter(self.phases), None)
 
     def in_phase(self, phase: str | None) -> "Spec":
-        """Give the spec as a planner sees it in a phase: inputs of other phases (`only_in`) accept nothing.
+        """Give the spec as a planner sees it in a phase.
 
-        The same spec if no input is closed.
+        An input that `only_in` restricts to other phases accepts nothing. Where there is no such input, the result is
+        the same object.
         """
         closed = {
             module.name: module.in_phase(phase)

@@ -1,8 +1,9 @@
-"""How good a configuration is, on seven levels, of which the first that differs decides (semantics.md section 4).
+"""The objective: how good a configuration is, on seven levels. The first level that differs decides.
 
-The levels: critical functions (by class A to D), utility, supplied inputs, few changes to what runs, primary branches,
-little bandwidth, little CPU. All values are integers, so that any two programs agree on every comparison. `score` does
-not check whether a configuration is legal (`verify` does), but every name in it must exist in the spec.
+The levels (docs/semantics.md, section 4): critical functions (by class A to D), utility, supplied inputs, few changes
+to what runs, primary branches, little bandwidth, little CPU. All values are integers, so that any two programs agree on
+every comparison. `score` does not check whether a configuration is legal (`verify` does), but every name in it must
+exist in the spec.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +29,7 @@ class Objective:
     utility: int  # sum of priority times value of served functions: more
     inputs: int  # sum of the worth of wired leaves: more
     changes: int  # modules whose (mode, PE) differs from the running ones: fewer
-    branches: int  # sum of the positions of running branches in their DEMUXes: fewer
+    branches: int  # sum of the positions of the ends that run, in their DEMUXes: fewer
     bus_mbit_per_s: int  # thousandths of a bit/s over all buses: fewer
     cpu_millis: int  # thousandths of a reference core: fewer
 
@@ -60,7 +61,7 @@ def score(
 def score_among(
     left: Survivors, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
-    """Do what `score` does, for survivors that are already computed."""
+    """Do what `score` does, for `Survivors` that are already computed."""
     spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
     published = hops(left, configuration)
@@ -72,8 +73,8 @@ def score_among(
         branches=sum(
             position
             for demux in spec.demuxes.values()
-            for position, branch in enumerate(demux.branches)
-            if branch in configuration.modules
+            for position, end in enumerate(demux.ends)
+            if end in configuration.modules
         ),
         bus_mbit_per_s=sum(bus_loads_mbit_per_s(spec, published).values()),
         cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in configuration.modules),

@@ -3,9 +3,9 @@
 The report (`plan_report`: functions, PEs, buses) follows from the other parts, and is computed when it is read.
 `heronry plan` writes a plan as a JSON file. These functions read such a file:
 
-    read_plan            everything, of a plan of this project; objective and report are computed anew
-    read_situation       phase, faults, limits and changed priorities; a missing one is that of a healthy system in the
-                         first phase, with the priorities of the spec
+    read_plan            the whole plan, which heronry must have written; objective and report are computed anew
+    read_situation       phase, faults, limits and changed priorities; what the file lacks is taken from a healthy
+                         system in the first phase, with the priorities of the spec
     read_configuration   only `modules`, since a plan to be verified may come from any planner
     read_running         only `pe` and `mode` of each module: the placement that runs now
 
@@ -52,7 +52,7 @@ class PlanError(HeronryError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LevelReport:
-    """A level of the objective, with the bound of what it could be when all levels above keep their values."""
+    """A level of the objective: its value, and the best value possible while all levels above keep theirs."""
 
     level: str
     value: int
@@ -129,9 +129,9 @@ def make_plan(
 ) -> Plan:
     """Make a plan; its report is computed when it is read.
 
-    bounds: how good each level could be; None: for an optimal plan the values themselves, for another plan not known.
-    reasons: why functions are not served, where the planner knows more than `why_not`.
-    Every name in the configuration must exist in the spec.
+    bounds: the best possible value of each level. None: an optimal plan's own values, and unknown for another plan.
+    reasons: why functions are not served, where the planner knows more than `why_not`. Every name in the configuration
+    must exist in the spec.
     """
     in_order = Configuration(
         {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}
@@ -250,7 +250,7 @@ def _claimed_level(fields: object, place: str) -> LevelReport:
 
 
 def read_situation(text: str, spec: Spec) -> Situation:
-    """Read the situation of a plan; what is missing is that of a healthy system in the first phase."""
+    """Read the situation of a plan file; what the file lacks is taken from a healthy system in the first phase."""
     document = _document(text)
     phase = document.get("phase")
     if phase is not None and not isinstance(phase, str):

@@ -1,7 +1,7 @@
 """The report of a plan: how each function is served, and how much of each PE and each bus is used.
 
-The report follows from the spec, the situation and the configuration, and serves people and other programs. Each part
-is computed once, when it is first read, because finding out why functions are not served may take longer than planning.
+The report follows from the spec, the situation and the configuration. People and other programs read it. Each part is
+computed once, when it is first read, because finding out why functions are not served may take longer than planning.
 """
 
 from collections.abc import Mapping

@@ -52,7 +52,10 @@ def rate_mhz(value: object) -> int:
 
 
 def weight_mbit_per_s(value: object) -> int:
-    """Thousandths of a bit/s, from bit/s; raises UnfitError for what is negative, too large or finer."""
+    """Convert bit/s to thousandths of a bit/s.
+
+    Raises UnfitError for a value that is negative, too large or too fine.
+    """
     return _whole(value, 1000, MOST_BITS_PER_S, "a thousandth of a bit/s")
 
 
@@ -127,7 +130,9 @@ def _bare_number_hint(number: str, unit: str) -> str:
 def _whole(value: object, factor: int, most: int, unit: str) -> int:
     above, below = _numeric(value).as_integer_ratio()  # a Fraction does the same, and takes five times as long
     if not 0 <= above <= most * below:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}", "write a number in between")
+        raise UnfitError(
+            rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}", "write a number between these two"
+        )
     whole, rest = divmod(above * factor, below)
     if rest:
         next_one = Fraction(whole + 1, factor)

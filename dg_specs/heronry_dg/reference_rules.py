@@ -102,7 +102,7 @@ class _ReferenceRules:
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def plants(self) -> None:
-        """What moves a plant are actuators, what sees it sensors, what it affects plants."""
+        """Check that actuators move each plant, that sensors see it, and that it affects plants."""
         for plant, form in _whole(self._draft.plants):
             self._names(plant, "affects", form.affects, "plant", self._draft.plants)
             for field, names, kind in (("moved_by", form.moved_by, "actuator"), ("seen_by", form.seen_by, "sensor")):
@@ -151,6 +151,7 @@ class _ReferenceRules:
                     self._gives(mode, variable, version)
         for demux, demux_form in _whole(self._draft.demuxes):
             self._name(_value_place(demux, "demux"), "variable", demux_form.demux, self._draft.variables)
+            self._names(demux, "to", demux_form.to, "module", self._draft.modules)
 
     def functions(self) -> None:
         """Check that the outputs and phases that functions name exist."""
@@ -263,13 +264,13 @@ class _ReferenceRules:
 
 
 class _Forest:
-    """Sets of connected things (union-find)."""
+    """Sets of names that are connected (union-find)."""
 
     def __init__(self) -> None:
         self._parents: dict[str, str] = {}
 
     def join(self, one: str, other: str) -> bool:
-        """Connect two things; False if they were already connected."""
+        """Connect two names; False if they were already connected."""
         a, b = self._root(one), self._root(other)
         self._parents[a] = b
         return a != b

@@ -1,8 +1,9 @@
 """Computes how late a datum can arrive, by response-time analysis of every bus (semantics rule 9).
 
-The analysis itself is `heronry_wire.timing`; this file gives it the frames on each wired bus. Above all data there are
-one 8-byte frame per PE of the bus (even of a PE that is down, which may come back) and two frames of the manager in
-each heartbeat period. Then come the data by identifier, and one 8-byte frame of lower priority that has just started.
+The analysis itself is `heronry_wire.timing`; this file gives it the frames on each wired bus, by priority. First come
+the management frames: in each heartbeat period one 8-byte frame per PE of the bus (even of a PE that is down, since it
+may come back) and two frames of the manager. Then come the data by identifier. Last comes one 8-byte frame of lower
+priority that has just started.
 
 The delay of a datum on one bus is its jitter on the next, so a response time counts from the source. A wireless bus is
 not analysed and adds nothing. Data may cross two buses in both directions, so the analysis of all buses is repeated
@@ -105,7 +106,7 @@ class ResponseTimes:
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
         """Compute the delays at the end of a wired bus, in order of priority.
 
-        Below an unbounded one all are unbounded.
+        If the delay of a frame is unbounded, those of all frames with a lower priority are unbounded too.
         """
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [
@@ -180,6 +181,9 @@ def _period_ns(spec: Spec, hop: Hop) -> Fraction:
 
 
 def _deadline_ns(spec: Spec, hop: Hop) -> Fraction:
-    """Deadline of a datum, from when it is due; its period where the spec gives none."""
+    """Deadline of a datum in ns, counted from when it is due.
+
+    The period of the datum where the spec gives no deadline.
+    """
     given = spec.variables[hop.variable].deadline_ns
     return _period_ns(spec, hop) if given is None else Fraction(given)

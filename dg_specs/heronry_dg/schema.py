@@ -129,7 +129,9 @@ class BusForm(Fallible):
 class ManagerForm(Form):
     """The bus of the managers, and the policy of PEs that hear no manager."""
 
-    bus: str | None = Field(default=None, description="Their bus; the first wired bus if left out.", examples=["can0"])
+    bus: str | None = Field(
+        default=None, description="Bus of the managers; the first wired bus if left out.", examples=["can0"]
+    )
     without_manager: Literal["keep", "safe_mode"] = Field(
         default=_default(Manager, "without_manager"),
         description="What PEs do while they hear no manager: keep all modules, or stop those serving nothing critical.",
@@ -211,7 +213,9 @@ class ModeForm(Form):
     )
     cpu_millis: Cpu = Field(alias="cpu", description="CPU that the mode takes, in reference cores.", examples=[0.05])
     ram: Memory = Field(description="RAM that the mode takes.", examples=["2KiB"])
-    rate_mhz: Rate = Field(alias="rate_hz", description="How often it runs and publishes, in Hz.", examples=[10, 12.5])
+    rate_mhz: Rate = Field(
+        alias="rate_hz", description="How often the module runs and publishes in this mode, in Hz.", examples=[10, 12.5]
+    )
 
 
 class ModuleForm(Fallible):
@@ -228,7 +232,7 @@ class ModuleForm(Fallible):
     runs_on: Names | None = Field(
         default=None,
         min_length=1,
-        description="PEs on which it may run; any PE if left out.",
+        description="PEs on which the module may run; any PE if left out.",
         examples=[["nav", "flight"]],
     )
     requires: Names = Field(default=[], description="Features that the module's PE must have.", examples=[["fpu"]])
@@ -246,7 +250,9 @@ class ModuleForm(Fallible):
         examples=[0],
     )
     checkpoint: Checkpoint | None = Field(
-        default=None, description="Whether, or how, its state is kept for a restart on another PE.", examples=[True]
+        default=None,
+        description="Whether, or how, the module's state is kept for a restart on another PE.",
+        examples=[True],
     )
 
 
@@ -325,14 +331,17 @@ class PhaseForm(Form):
 
 
 class PlantForm(Form):
-    """A part of the physical world that is controlled; what is held on several axes is several plants."""
+    """A part of the physical world that is controlled.
 
-    moved_by: Names = Field(default=[], description="Actuators that act on it.", examples=[["elevator_servo"]])
-    seen_by: Names = Field(default=[], description="Sensors that measure it.", examples=[["pitch_gyro"]])
-    affects: Names = Field(default=[], description="Other plants that it acts on.", examples=[["altitude"]])
+    What is controlled on several axes is written as several plants.
+    """
+
+    moved_by: Names = Field(default=[], description="Actuators that act on the plant.", examples=[["elevator_servo"]])
+    seen_by: Names = Field(default=[], description="Sensors that measure the plant.", examples=[["pitch_gyro"]])
+    affects: Names = Field(default=[], description="Other plants on which this plant acts.", examples=[["altitude"]])
     criticality: Criticality = Field(
         default=_default(Plant, "criticality"),
-        description="How bad it is to lose control of it: A (worst) to E (not critical).",
+        description="How bad it is to lose control of the plant: A (worst) to E (not critical).",
         examples=["A"],
     )
 
@@ -355,7 +364,12 @@ class ContingencyForm(Form):
 class DemuxForm(Form):
     """A gate of which at most one branch runs; its branches are the modules whose `needs` name it."""
 
-    demux: str = Field(description="Variable that the running branch consumes.", examples=["elevator_demand"])
+    demux: str = Field(description="Variable that the running branch reads.", examples=["elevator_demand"])
+    to: Names = Field(
+        default=[],
+        description="Modules at which the branches end, one of each, the preferred first; the branches if left out.",
+        examples=[["driver_1", "driver_2"]],
+    )
 
 
 class HeaderForm(Form):

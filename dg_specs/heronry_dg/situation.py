@@ -1,17 +1,20 @@
 """Situations: which elements are down or limited, and what they leave of the system.
 
-An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1).
-A `Situation` is an input (faults, limits, phase, priorities that differ from the spec's), and `Survivors` is computed
+An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (channels
+are numbered from 1). A *place* is an element, too: `module:autopilot@nav` is down when the module cannot run on that
+PE, because the module's code is not there or the module has failed there. A place exists where the module has two or
+more possible PEs, and the PE is one of them; `module:autopilot` is all its places at once.
+
+A `Situation` is an input: faults, limits, phase, and priorities that differ from the spec's. `Survivors` is computed
 from it. The devices of a PE that is down are out of use, and so are routes over that PE. A PE without a route to the
 manager's bus cannot be commanded and counts as down. If the manager's own bus is down, nothing is left.
 
-A changed priority replaces the spec's in every phase in which that is above 0. A changed priority of 0 makes the
-function unwanted; in a phase that does not want the function, nothing makes it wanted.
+A changed priority replaces the spec's priority in every phase in which the function is wanted. A changed priority of 0
+makes the function unwanted. In a phase that does not want the function, a changed priority has no effect.
 
 Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
 """
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,9 +23,11 @@ from fractions import Fraction
 from heronry_dg.model import Function, Module, Spec
 from heronry_wire.errors import HeronryError
 from heronry_wire.management import MOST_PRIORITY
+from heronry_wire.spelling import close, meant
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
 _PRIORITY = re.compile(r"(?P<function>[^=]+)=(?P<priority>\d{1,5})", re.ASCII)
+_LIKENESS = 0.75  # of an element whose kind is misspelt: a name of another kind may be as like as 0.7
 _LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
@@ -83,13 +88,27 @@ def elements(spec: Spec) -> tuple[str, ...]:
     return tuple(f"{kind}:{name}" for kind, names in by_kind for name in names)
 
 
+def places(spec: Spec, module: str) -> tuple[str, ...]:
+    """Give the places of a module, in the order of the PEs; a module with one possible PE has none."""
+    hosts = hosts_when_all_is_up(spec, spec.modules[module])
+    return tuple(f"module:{module}@{pe}" for pe in hosts) if len(hosts) > 1 else ()
+
+
+def is_place(element: str) -> bool:
+    """Tell whether an element is a place, `module:NAME@PE`."""
+    return "@" in element
+
+
+def module_of(place: str) -> str:
+    """Give the element `module:NAME` of a place `module:NAME@PE`."""
+    return place.partition("@")[0]
+
+
 def checked_element(spec: Spec, element: str) -> str:
     """Return `element` if the spec has it; raises UnknownElementError otherwise."""
     kind, colon, name = element.partition(":")
     if not colon or kind not in _KINDS:
-        raise UnknownElementError(
-            f"'{element}' is not an element; write KIND:NAME with KIND one of {', '.join(_KINDS)}"
-        )
+        raise UnknownElementError(f"'{element}' is not an element; {_what_was_meant(spec, element)}")
     names: Iterable[str] = {
         "pe": spec.pes,
         "device": spec.devices,
@@ -97,9 +116,20 @@ def checked_element(spec: Spec, element: str) -> str:
         "bus": spec.buses,
         "channel": _channels(spec),
     }[kind]
-    if name not in names:
-        raise UnknownElementError(_unknown(kind, name, names))
+    module, at, pe = name.partition("@") if kind == "module" else (name, "", "")
+    if module not in names:
+        raise UnknownElementError(_unknown(kind, module, names))
+    if at and element not in places(spec, module):
+        raise UnknownElementError(_no_place(spec, module, pe))
     return element
+
+
+def _no_place(spec: Spec, module: str, pe: str) -> str:
+    if pe not in spec.pes:
+        return _unknown("pe", pe, spec.pes)
+    there_are = places(spec, module)
+    hint = f"write one of {', '.join(there_are)}" if there_are else f"write module:{module}: it has no choice of PEs"
+    return f"module '{module}' has no place on '{pe}'; {hint}"
 
 
 def checked_phase(spec: Spec, phase: str) -> str:
@@ -149,11 +179,16 @@ def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
     return element, share
 
 
+def _what_was_meant(spec: Spec, text: str) -> str:
+    """Give the element that a text without a kind, or with a misspelt one, may mean; else how to write one."""
+    known = elements(spec)
+    alone = [element for element in known if element.partition(":")[2] == text]
+    found = alone[0] if alone else close(text, known, _LIKENESS)
+    return f"did you mean '{found}'?" if found else f"write KIND:NAME with KIND one of {', '.join(_KINDS)}"
+
+
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(names) or 'none'}"
-    return f"no {kind} is named '{name}'; {hint}"
+    return f"no {kind} is named '{name}'; {meant(name, known)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +199,7 @@ class Survivors:
     bus_mbit_per_s: Mapping[str, int]  # of each bus that is up, for published data, in thousandths of a bit/s
     devices: frozenset[str]
     failed_modules: frozenset[str]
+    failed_places: frozenset[tuple[str, str]]  # module, PE on which it cannot run
     routes: Mapping[tuple[str, str], tuple[str, ...]]  # (from PE, to PE) -> buses in order; () on the same PE
     spec: Spec
 
@@ -171,7 +207,10 @@ class Survivors:
         """PEs on which a module may run now, in the spec's order (semantics rule 1)."""
         if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
             return ()
-        return tuple(pe for pe in hosts_when_all_is_up(self.spec, module) if pe in self.pe_cpu_millis)
+        hosts = tuple(pe for pe in hosts_when_all_is_up(self.spec, module) if pe in self.pe_cpu_millis)
+        if not self.failed_places:
+            return hosts
+        return tuple(pe for pe in hosts if (module.name, pe) not in self.failed_places)
 
     def route(self, origin: str, destination: str) -> tuple[str, ...] | None:
         """Buses over which a datum goes from one PE to another, in order; None where there is no route."""
@@ -206,6 +245,7 @@ def survivors(spec: Spec, now: Situation) -> Survivors:
             d.name for d in spec.devices.values() if d.pe in commanded and f"device:{d.name}" not in now.down
         ),
         failed_modules=frozenset(m for m in spec.modules if f"module:{m}" in now.down),
+        failed_places=frozenset(_place(element) for element in now.down if is_place(element)),
         routes={
             (origin, destination): route
             for origin in commanded
@@ -213,6 +253,11 @@ def survivors(spec: Spec, now: Situation) -> Survivors:
         },
         spec=spec,
     )
+
+
+def _place(element: str) -> tuple[str, str]:
+    module, _, pe = element.removeprefix("module:").partition("@")
+    return module, pe
 
 
 def _bus_is_down(bus: str, channels: int, now: Situation) -> bool:

@@ -22,9 +22,9 @@ from heronry_wire.timing import worst_bits
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """A source on one bus of its route, with the mode of its producer; `after` is the bus before this one.
+    """A source on one bus of its route, with the mode of its producer.
 
-    On the first bus of a route `after` is None.
+    `after` is the previous bus, None on the first bus.
     """
 
     producer: str
@@ -58,7 +58,7 @@ def hops(left: Survivors, configuration: Configuration) -> tuple[Hop, ...]:
 
 
 def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]:
-    """Add up what is published on each bus of the spec, in thousandths of a bit/s."""
+    """Add up the bandwidth of the published sources on each bus of the spec, in thousandths of a bit/s."""
     loads = dict.fromkeys(spec.buses, 0)
     for hop in published:
         mode = spec.modules[hop.producer].modes[hop.mode]
@@ -103,7 +103,10 @@ def criticality_ranks(spec: Spec) -> dict[str, int]:
 
 
 def best_rank(spec: Spec, function: Function) -> int:
-    """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted; 4 if it never is."""
+    """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted.
+
+    4 if it is wanted in none.
+    """
     phases: Sequence[str | None] = tuple(spec.phases) or (None,)
     wanted = [phase for phase in phases if function.priority_in(phase) > 0]
     return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)

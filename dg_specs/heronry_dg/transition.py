@@ -21,15 +21,16 @@ there are two kinds of transitions:
                  exclusive, and PEs that make room on a bus whose limit would be exceeded, preferably PEs that are
                  reached by wire, since a radio is slow. All other PEs change over when the command reaches them
 
-A silent PE that drove a DEMUX adds a third step: the new branch is held until the old one has certainly stopped.
+A PE that drove a DEMUX and has become silent adds a third step: the new branch (or end of `to`) is held until the
+old one has certainly stopped.
 
-The load of a mixture on a bus is bounded from above: each PE is in its worst state, and each gateway forwards what it
-forwards in any of its states. The bound is exact unless gateways change over too. Semantics rule 9 is not checked for
-mixtures: a datum may be late during a transition, which lasts a few heartbeats at most.
+The load of a mixture on a bus is bounded from above: each PE is in the state in which it loads the bus most, and each
+gateway forwards what it forwards in any of its states. The bound is exact unless gateways change over too. Semantics
+rule 9 is not checked for mixtures: a datum may be late during a transition, which lasts a few heartbeats at most.
 
-Critical functions have no earlier step of their own: steps are broadcasts, so that would need another epoch, and
-preparing an epoch takes longer than the round trip that it could save. A module that does not change is not
-interrupted.
+Critical functions do not change over in a step of their own, before the others. A step is a broadcast to all PEs, so
+such a step would need another epoch, and preparing an epoch takes longer than the round trip that it could save. A
+module that does not change is not interrupted.
 
 If the wires of the running modules are not known, everything that the modules give is assumed to be on every bus.
 `verify_transition` checks transitions, and shares no code with this file.
@@ -124,7 +125,7 @@ class Transitions:
             for outward in pe.buses
             if inward != outward
         }
-        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._things = spec.exclusive_things()
 
     def transition(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
         """Find a transition; see the function of this name."""
@@ -186,7 +187,7 @@ class Transitions:
         }
 
     def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
-        """Give every source paired with every PE, as if every PE read it."""
+        """Give every source once for every PE, as if every PE read every source."""
         for module, (mode, _) in runs.items():
             for variable in self._spec.modules[module].modes[mode].gives:
                 yield from (((module, variable), pe) for pe in self._spec.pes)
@@ -213,27 +214,27 @@ class Transitions:
     def _exclusive(
         self, runs: Placement, wanted: Placement, left: Survivors
     ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-        """Give the PEs that give up something exclusive to another PE, with the reasons.
+        """Give the PEs that give up something exclusive to another PE, each with the reasons.
 
-        DEMUXes that a silent PE may drive.
+        Give also the DEMUXes that a silent PE may drive.
         """
-        branch_on = {self._demux_of[m]: pe for m, (_, pe) in wanted.items() if m in self._demux_of}
+        driver_on = {thing: pe for m, (_, pe) in wanted.items() for thing in self._things.get(m, ())}
         reasons: dict[str, tuple[str, ...]] = {}
-        hold = []
+        hold = set[str]()
         for module, (_, pe) in runs.items():
-            demux = self._demux_of.get(module)
+            lost = [thing for thing in self._things.get(module, ()) if driver_on.get(thing, pe) != pe]
             moved_to = wanted[module][1] if module in wanted else pe
-            if demux is not None and branch_on.get(demux, pe) != pe:
-                if pe not in left.pe_cpu_millis:
-                    hold.append(demux)
-                    continue
-                why = f"{module} gives {demux} up to {branch_on[demux]}"
+            if lost and pe not in left.pe_cpu_millis:
+                hold.update(lost)
+                continue
+            if lost:
+                why = f"{module} gives {lost[0]} up to {driver_on[lost[0]]}"
             elif moved_to != pe and pe in left.pe_cpu_millis:
                 why = f"{module} moves to {moved_to}"
             else:
                 continue
             reasons[pe] = (*reasons.get(pe, ()), why)
-        return reasons, tuple(demux for demux in self._spec.demuxes if demux in hold)
+        return reasons, tuple(d.name for d in self._spec.demuxes.values() if not hold.isdisjoint(d.exclusives))
 
     def _interrupted(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Iterator[str]:
         runs, wanted = placement(before), placement(after)
@@ -262,7 +263,7 @@ class _Mixtures:
         self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
 
     def limits(self, *, known: bool) -> dict[str, int]:
-        """Limit of each bus: its budget, or its present load if that is known and higher."""
+        """Limit of each bus: the bandwidth that its budget allows, or its present load if that is known and higher."""
         carried = self._peaks(self._old) if known else {}
         return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
 

@@ -3,10 +3,11 @@
 The verifier uses no solver and makes no choice: one function per rule of semantics.md section 3 checks the
 configuration. A violation names the rule as number and sub-rule (`7.cpu`), the place, and the mistake in one sentence.
 
-    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
+    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed,
+                 failed_there
     2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
     3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
-    4 demux      branches (more than one runs), wired (a branch is not)
+    4 demux      branches, ends (more than one runs), wired (a branch is not)
     5 purpose    idle
     6 cycles     cycle (of wires none of whose variables has an initial value)
     7 resources  cpu, ram, flash, bus
@@ -98,7 +99,7 @@ def _known(spec: Spec, configuration: Configuration) -> Configuration:
 
 
 def _sound(spec: Spec, known: Configuration) -> Configuration:
-    """Keep the wires that do not break semantics rule 2."""
+    """Keep the wires that satisfy semantics rule 2."""
     kept = {}
     for name, running in known.modules.items():
         accepted = dict(known.mode(spec, name).leaves())
@@ -132,7 +133,13 @@ def _place(case: _Case) -> Iterator[Violation]:
         module = case.spec.modules[name]
         where = f"module {name}"
         if name in case.left.failed_modules:
-            yield Violation("1.failed", where, "it has failed and must not run")
+            yield Violation("1.failed", where, "the module has failed and must not run")
+        elif f"module:{name}@{running.pe}" in case.now.down:
+            yield Violation(
+                "1.failed_there",
+                where,
+                f"the module cannot run on {running.pe}: it failed there, or its code is missing there",
+            )
         if running.pe not in case.spec.pes:
             yield Violation("1.pe", where, f"the spec has no PE named '{running.pe}'")
             continue
@@ -147,10 +154,12 @@ def _place(case: _Case) -> Iterator[Violation]:
 def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
     where = f"module {module.name}"
     if module.runs_on is not None and pe not in module.runs_on:
-        yield Violation("1.runs_on", where, f"it may run on {', '.join(module.runs_on)} and is placed on {pe}")
+        yield Violation("1.runs_on", where, f"the module may run on {', '.join(module.runs_on)} and is placed on {pe}")
     missing = module.requires - case.spec.pes[pe].features
     if missing:
-        yield Violation("1.requires", where, f"it requires {', '.join(sorted(missing))}, which {pe} does not offer")
+        yield Violation(
+            "1.requires", where, f"the module requires {', '.join(sorted(missing))}, which {pe} does not offer"
+        )
     if module.device is None:
         return
     home = case.spec.devices[module.device].pe
@@ -175,7 +184,9 @@ def _wires(case: _Case) -> Iterator[Violation]:
             yield from (Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, leaf, wire))
             if leaf.only_in is not None and case.now.phase is not None and case.now.phase not in leaf.only_in:
                 only = listed(sorted(leaf.only_in))
-                yield Violation("2.phase", where, f"it is wired in phase {case.now.phase}, and may be only in {only}")
+                yield Violation(
+                    "2.phase", where, f"the input is wired in phase {case.now.phase}, and may be wired only in {only}"
+                )
             yield from _route(case, running.pe, wire.producer, where)
 
 
@@ -262,6 +273,9 @@ def _demuxes(case: _Case) -> Iterator[Violation]:
         running = [branch for branch in demux.branches if branch in case.known.modules]
         if len(running) > 1:
             yield Violation("4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one may")
+        ended = [end for end in demux.to if end in case.known.modules]
+        if len(ended) > 1 and len(running) < 2:  # else it is a consequence
+            yield Violation("4.ends", f"demux {demux.name}", f"{' and '.join(ended)} run, and only one end may")
         for branch in running:
             paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
             if not any(path in case.known.modules[branch].inputs for path in paths):
@@ -286,7 +300,7 @@ def _purpose(case: _Case) -> Iterator[Violation]:
             frontier.extend(wire.producer for wire in case.known.modules[module].inputs.values())
     for name in case.known.modules:
         if name not in serving:
-            yield Violation("5.idle", f"module {name}", "it serves no function that is wanted in the phase")
+            yield Violation("5.idle", f"module {name}", "the module serves no function that is wanted in the phase")
 
 
 # Semantics rule 6: cycles
@@ -324,7 +338,7 @@ def _bus_resources(case: _Case) -> Iterator[Violation]:
     for name, capacity in case.left.bus_mbit_per_s.items():
         if loads[name] > capacity:
             used, room = loads[name] / 1000, capacity / 1000
-            yield Violation("7.bus", f"bus {name}", f"{used:.3f} bit/s are published, and {room:.3f} are for data")
+            yield Violation("7.bus", f"bus {name}", f"modules publish {used:.3f} bit/s, and data may take {room:.3f}")
 
 
 # Semantics rule 8: placement rules

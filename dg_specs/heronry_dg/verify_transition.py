@@ -1,17 +1,17 @@
 """The verifier of transitions: finds the rules that the steps from one configuration to another break.
 
-The verifier tries every combination of states that the PEs could have during the steps. If there are too many, it takes
-each PE that is no gateway in its worst state for each bus, which is exact, since the loads of PEs add up. If there are
-still too many, it does the same for gateways, which is safe but not exact. It makes no choice, and shares no code with
-`transition`.
+The verifier tries every combination of states that the PEs could have during the steps. If there are too many
+combinations, it takes each PE that is no gateway in its worst state for each bus. This is exact, since the loads of PEs
+add up. If there are still too many, it does the same for gateways, which is safe but not exact. The verifier makes no
+choice, and shares no code with `transition`.
 
     t.steps      the steps are not in the order of a manager: BREAK before GO before GO_ALL, and GO_ALL last
     t.wait       the manager would wait for a PE that cannot answer, or there is a BREAK without a PE to wait for
     t.cpu, t.ram, t.flash   the modules of a PE in one of its states exceed its capacity
-    t.exclusive  a module, or the branches of a DEMUX, could run on two PEs at once
+    t.exclusive  a module, the branches of a DEMUX, or the ends of its `to`, could run on two PEs at once
     t.bus        the load of a bus could exceed its limit
 
-The limit of a bus is its budget, or its load before the transition if that is higher. If the wires of the running
+The limit of a bus is its budget, or its load before the transition if that load is higher. If the wires of the running
 configuration are not known, every variable that a module gives is assumed to go to every PE.
 """
 
@@ -45,7 +45,7 @@ class _Way:
     sends_now: "_Traffic"
     shall_send: "_Traffic"
     known: bool  # whether the wires of the running configuration are known
-    demux_of: Mapping[str, str]
+    drives: Mapping[str, Sequence[tuple[str, str]]]  # module -> DEMUXes of which it is a branch or an end, and which
 
     def modules(self, pe: str, state: str) -> dict[str, Mode]:
         """Modules that run on a PE in a state, with their modes."""
@@ -56,7 +56,7 @@ class _Way:
         elif state == BROKEN:
             chosen = {m: mode for m, mode in now.items() if then.get(m) == mode}
         elif state == HELD:
-            chosen = {m: mode for m, mode in then.items() if m not in self.demux_of or m in now}
+            chosen = {m: mode for m, mode in then.items() if m not in self.drives or m in now}
         else:
             chosen = then
         return {m: self.spec.modules[m].modes[mode] for m, mode in chosen.items()}
@@ -84,7 +84,7 @@ def verify_transition(
         _traffic(spec, runs, before),
         _traffic(spec, _runs(spec, after), after),
         isinstance(before, Configuration),
-        {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches},
+        _drives(spec),
     )
     found = list(_shape(way, left))
     found += _pe_budgets(case)
@@ -92,6 +92,16 @@ def verify_transition(
         found += _exclusives(case, way, stage)
         found += _bus_budgets(case, stage)
     return list(dict.fromkeys(found))
+
+
+def _drives(spec: Spec) -> dict[str, list[tuple[str, str]]]:
+    drives: dict[str, list[tuple[str, str]]] = {}
+    for demux in spec.demuxes.values():
+        for module in demux.branches:
+            drives.setdefault(module, []).append((demux.name, "branch"))
+        for module in demux.to:
+            drives.setdefault(module, []).append((demux.name, "end"))
+    return drives
 
 
 def _runs(spec: Spec, running: Configuration | Placement) -> Placement:
@@ -112,7 +122,7 @@ def _shape(way: Transition, left: Survivors) -> Iterator[Violation]:
         yield Violation("t.wait", "transition", "there must be a step BREAK if and only if there are PEs to wait for")
     for pe in way.wait_for:
         if pe not in left.pe_cpu_millis:
-            yield Violation("t.wait", f"pe {pe}", "the transition waits for it, and it cannot answer")
+            yield Violation("t.wait", f"pe {pe}", "the transition waits for this PE, which cannot answer")
 
 
 def _stages(way: Transition, left: Survivors) -> Iterator[dict[str, tuple[str, ...]]]:
@@ -164,20 +174,22 @@ def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]])
                 begins.setdefault(thing, set()).add(pe)
     waited = way.hold if Step.GO in way.steps and any(AFTER in states for states in stage.values()) else ()
     for module, (_, pe) in case.now_runs.items():
-        demux = case.demux_of.get(module)
-        if demux is not None and pe not in stage and demux not in waited:
-            could.setdefault(f"demux {demux}", set()).add(pe)  # the PE is silent, but not known to be dead
+        for demux, part in case.drives.get(module, ()) if pe not in stage else ():
+            if demux not in waited:  # the PE is silent, but not known to be dead
+                could.setdefault(f"{part} of demux {demux}", set()).add(pe)
     for thing in begins:
         if len(could[thing]) > 1:
-            yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
+            yield Violation(
+                "t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at the same time"
+            )
 
 
 def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
-    """Give the exclusive outputs of some modules: the modules, and the DEMUXes of which they are branches."""
+    """Give the exclusive outputs of some modules: the modules, and what they are to DEMUXes."""
     for module in modules:
         yield f"module {module}"
-        if module in case.demux_of:
-            yield f"demux {case.demux_of[module]}"
+        for demux, part in case.drives.get(module, ()):
+            yield f"{part} of demux {demux}"
 
 
 def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:
@@ -222,7 +234,7 @@ def _most(case: _Way, choices: Mapping[str, Sequence[str]]) -> dict[str, int]:
 
 
 def _different(case: _Way, pe: str, states: Sequence[str]) -> list[str]:
-    """Give the states of a PE, without those that send the same frames as another."""
+    """Give the states of a PE, with one state alone of those in which the PE sends the same frames."""
     seen: dict[object, str] = {}
     for state in states:
         forwards = {key: _forwarded(case, key, state) for key in _forward_keys(case) if key[0] == pe}

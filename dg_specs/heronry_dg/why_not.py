@@ -1,10 +1,10 @@
 """Explains in one sentence why a function is not served: the root cause, found without a solver.
 
 First, the file computes what could run with unlimited resources: the greatest set of (module, mode) in which each
-module has a PE to run on, and the needs of each mode can be met from the set. It starts from all modes and removes
-impossible ones round by round, so feedback cycles, which support themselves, remain. If the output of a function is not
-in the set, the cause can be traced to a fault. If it is in the set, the function was left out for lack of resources, or
-in favour of something better; the planner may know which, and passes it as `alone`.
+module has a PE to run on, and the set can meet the needs of each mode. The computation starts from all modes and
+removes impossible ones round by round, so feedback cycles, which support themselves, remain. If the set lacks the
+output of a function, the cause can be traced to a fault. If the set has the output, the function was left out for lack
+of resources, or in favour of something better. The planner may know which of the two, and passes it as `alone`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -94,7 +94,7 @@ def _every_branch(found: Feasible, outputs: list[Module]) -> str:
 
 
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
-    """Say as a verb phrase why none of some modes of a module can run; branched: mention only one alternative."""
+    """Say as a verb phrase why a module can run in none of `modes`; branched: mention only one alternative."""
     if module.name in found.left.failed_modules:
         return "has failed"
     if not found.left.hosts(module):
@@ -142,9 +142,17 @@ def _homeless(found: Feasible, module: Module) -> str:
         if f"device:{module.device}" in found.now.down:
             return f"needs device {module.device}, which is down"
         return f"needs device {module.device} on {homes[0]}, which {_pe_cause(found, homes[0])}"
+    if any((module.name, pe) in found.left.failed_places for pe in homes):
+        return f"cannot run anywhere: {', '.join(f'{pe} {_place_cause(found, module, pe)}' for pe in homes)}"
     if len(homes) == 1:
         return f"may run on {homes[0]} only, which {_pe_cause(found, homes[0])}"
     return f"may run only on PEs that are gone: {', '.join(f'{pe} {_pe_cause(found, pe)}' for pe in homes)}"
+
+
+def _place_cause(found: Feasible, module: Module, pe: str) -> str:
+    if (module.name, pe) in found.left.failed_places:
+        return "is out for it"
+    return _pe_cause(found, pe)
 
 
 def _pe_cause(found: Feasible, pe: str) -> str:

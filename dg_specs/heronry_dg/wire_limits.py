@@ -1,9 +1,10 @@
-"""What of a spec exceeds a limit of the wire (`heronry_wire.capacities`), before any PE refuses it in flight.
+"""Finds what in a spec exceeds a limit of the wire (`heronry_wire.capacities`), before a PE refuses it in flight.
 
-All limits but one are counts. The length of a slice depends on the configuration, so its bound is computed: of each
-module that may run on the PE, the most bytes that it can add in any mode, for as many of these modules as the PE's CPU
-and RAM can hold at once (a fraction of a module counts as that fraction, so the bound is never too small). A gateway
-adds four bytes or so for each source that it may forward. No legal configuration has a longer slice.
+All limits but one are counts. The exception is the length of a slice, which depends on the configuration; so an upper
+bound is computed. For each module that may run on the PE, the bound takes the most bytes that the module can add in any
+mode. It adds these for as many modules as the PE's CPU and RAM can hold at once; the last module may count as a
+fraction, so the bound is never too small. A gateway adds about four bytes for each source that it may forward. No legal
+configuration has a longer slice.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -34,7 +35,7 @@ class WireLimitError(HeronryError):
 
 @dataclass(frozen=True, slots=True)
 class Excess:
-    """What exceeds a limit: its section and name in the spec, a sentence with both numbers, and what to do."""
+    """One part of a spec that exceeds a limit: its section and name, a sentence with both numbers, and what to do."""
 
     section: Literal["pes", "modules", "devices", "buses"]
     name: str
@@ -44,7 +45,7 @@ class Excess:
 
 
 class _Size(NamedTuple):
-    """What one module takes of a PE: at most `slice_bytes`, at least the rest."""
+    """What one module adds to a PE: at most `slice_bytes` to its slice, and at least the other fields (CPU, RAM)."""
 
     slice_bytes: int
     cpu_millis: int
@@ -140,7 +141,7 @@ class _SliceBounds:
 
     @cached_property
     def _ways(self) -> Mapping[tuple[str, str], str]:
-        """For each gateway and other PE, the bus by which the gateway reaches it."""
+        """For each pair of a gateway and another PE: the bus by which the gateway reaches the PE."""
         left = survivors(self._spec, Situation())
         gateways = [pe.name for pe in self._spec.pes.values() if len(pe.buses) > 1]
         routes = ((here, there, left.route(here, there)) for here in gateways for there in self._spec.pes)
@@ -174,7 +175,10 @@ def _bytes_of(number: int) -> int:
 
 
 def _filled(items: list[tuple[int, int]], capacity: int) -> int:
-    """Most bytes of items, each (bytes, cost), whose costs fit into a capacity, where an item may be divided."""
+    """Most bytes that items, each (bytes, cost), can have in a capacity for their costs.
+
+    The last item may be divided.
+    """
     free = sum(size for size, cost in items if cost == 0)
     left, filled = capacity, Fraction(free)
     for size, cost in sorted((item for item in items if item[1]), key=lambda item: Fraction(-item[0], item[1])):

@@ -1,15 +1,15 @@
 """Reads the bytes of a spec into a tree of nodes, with the place of each key and value.
 
 Only plain YAML is accepted: maps, lists and scalars, in one document. Anchors, aliases, tags, merge keys, directives
-and duplicate keys are refused, because with them a file may have another meaning than it seems to have; so are scalars
-that programs read differently (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and code that reads the
-tree adds no finding about it.
+and duplicate keys are refused, because with them a file may have another meaning than it seems to have. Scalars that
+programs read differently are refused as well (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and code
+that reads the tree adds no finding about that part.
 
-A spec may come from anywhere, so no tree is built before the file is known to be small. First the bytes are counted,
-then the marks at which keys and items end, which needs no parser. Then the parser's events are read one by one, and
-depth, number of nodes and repeated keys are checked at each event. A file beyond a limit costs no more than one at the
-limit. Aliases are not followed, so a small file cannot unfold into a large tree. The limits leave room for 10 000
-modules.
+A spec may come from anywhere, so no tree is built before the file is known to be small. First the bytes are counted.
+Then the marks at which keys and items end are counted, which needs no parser. Then the parser's events are read one by
+one, and depth, number of nodes and repeated keys are checked at each event. So a file beyond a limit takes no more time
+than a file at the limit. Aliases are not followed, so a small file cannot unfold into a large tree. The limits leave
+room for 10 000 modules.
 """
 
 import re
@@ -124,9 +124,9 @@ def is_nothing(node: Node) -> bool:
 
 
 def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
-    """Give the node at a path of keys and indices, or the last node before the path leaves the tree.
+    """Give the node at a path of keys and indices, and the number of steps taken.
 
-    And the steps taken.
+    If the path leaves the tree, the node is the last one before that.
     """
     for taken, step in enumerate(path):
         match node:
@@ -268,9 +268,9 @@ class _Builder:
         return entries
 
     def _key(self, key: Node, event: yaml.Event) -> str | None:
-        """Text of a key, None where the key is not text.
+        """Text of a key; None where the key is not text.
 
-        A refused key keeps its text, so that it is not reported as missing.
+        A key that is refused gives its text all the same, so that it is not reported as missing.
         """
         if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
             if not isinstance(key.value, str):
@@ -320,7 +320,7 @@ def _decoded(data: bytes, findings: Findings) -> str | None:
     if bad is None:
         return text
     sentence = f"character U+{ord(bad[0]):04X} is not allowed"
-    findings.add(rules.INVISIBLE, _end_of(text[: bad.start()]), sentence, "remove it; it cannot be seen")
+    findings.add(rules.INVISIBLE, _end_of(text[: bad.start()]), sentence, "remove the character, which is invisible")
     return None
 
 

@@ -1,8 +1,8 @@
 """Reports text that is not YAML at the place where it should be fixed.
 
-The parser stops where it cannot go on, often a line or more below the mistake: after a bracket that is not closed, for
-example, it reads on. This file moves the place up to the begin of the mistake, as far as the parser or the lines around
-show it; the sentence also gives the place where the parser stopped.
+The parser often stops a line or more below the mistake. For example, it reads on after a bracket that is not closed.
+This file moves the place up to where the mistake begins, as far as the parser or the lines around it show this place.
+The sentence also gives the place where the parser stopped.
 """
 
 import re
@@ -75,7 +75,7 @@ def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:
 
 
 def _odd_line(error: yaml.MarkedYAMLError, stopped: Place, lines: list[str]) -> Mistake | None:
-    """Report the line above the one at which the parser stopped, if that line has the mistake; else None."""
+    """Give the mistake on the line above the line at which the parser stopped; None if the line above has none."""
     above = _line_above(stopped.line, lines)
     if above is None:
         return None

@@ -1,6 +1,7 @@
 """The assessment of a graph, or of a view of one, as the plain data that `heronry pcs check --json` writes.
 
-Predicates, neighbors, and the necessary conditions for control are those of the view, loops those of the model.
+Predicates, neighbors, and the necessary conditions for control are assessed in the view. Loops are assessed in the
+model, which is the graph that the view shows in less detail.
 """
 
 from collections.abc import Collection
@@ -27,9 +28,10 @@ class Assessment:
     document: Json
 
     def holds(self, predicate: str, plants: Collection[str] | None = None) -> bool:
-        """Tell whether a predicate is known to hold; `on_path`: of some plants, of all members that are plants if None.
+        """Tell whether a predicate is known to hold.
 
-        A plant that is not among the members of a view is passed over.
+        plants: only for `on_path`: the plants that must be on a path; all plants among the members if None. Plants that
+        are not among the members of the view are ignored.
         """
         if predicate != "on_path":
             return self.document.get(predicate) is True
@@ -43,9 +45,9 @@ def assess(
     path: Collection[str] | None = None,
     search: Search = bounds_alone,
 ) -> Assessment:
-    """Assess a graph, or a view of it; `path`: members that one loop is to join.
+    """Assess a graph, or a view of it; `path`: members through which one loop must lead.
 
-    Raises PcsError where the view is none, or the graph has no member of a name in `path`.
+    Raises PcsError where `view` is no view of the graph, or `path` has a name that is no member.
     """
     seen = model if view is None else view_graph(model, view)
     document: Json = {name: holds(seen) for name, holds in PREDICATES.items()}
@@ -73,5 +75,5 @@ def assess(
 
 def _member(model: Graph, name: str) -> frozenset[str]:
     if name not in model.members:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", model.members)
     return model.members[name].vertices

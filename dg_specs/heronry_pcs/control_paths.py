@@ -1,11 +1,11 @@
-"""Whether what runs controls each plant: the parts of the physical world that a spec's `plants:` name.
+"""Tells whether the running modules control each plant: the parts of the physical world that a spec's `plants:` name.
 
-    unmoved   no actuator that moves the plant is wired: no module of such a device runs
-    unseen    an actuator moves it, and no sensor that sees it is wired
+    unmoved   no running module drives an actuator that moves the plant
+    unseen    a running module drives such an actuator, and none reads a sensor that sees the plant
     on_path   a loop leads from the plant through a sensor and modules to an actuator, and back to the plant
-    open      it is moved and seen, and no loop leads through it
+    open      the plant is moved and seen, and no loop leads through it
 
-The first one that holds counts. A path says that control is possible, not that it is good (`neighborhood`).
+The first state that holds counts. A path shows that control is possible, not that the control is good (`neighborhood`).
 
 Source: the paper, section 3.4, and the loops of `loops`.
 """
@@ -31,14 +31,17 @@ class PathState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ControlPath:
-    """The state of a plant's control path, and a sentence on why it is no closed one; None: it is closed."""
+    """The state of a plant's control path, and a sentence that says why the path is not closed.
+
+    None where it is closed.
+    """
 
     state: PathState
     why: str | None
 
 
 def control_paths(spec: Spec, configuration: Configuration) -> dict[str, ControlPath]:
-    """Assess each plant of a spec under a configuration; every name in it must exist in the spec."""
+    """Assess each plant of a spec under a configuration, whose names must exist in the spec."""
     if not spec.plants:
         return {}
     graph = plan_graph(spec, configuration)
@@ -51,7 +54,7 @@ def control_paths(spec: Spec, configuration: Configuration) -> dict[str, Control
 
 
 def path_states(paths: Mapping[str, ControlPath]) -> dict[str, str]:
-    """The states alone, as the event `control_paths` tells them."""
+    """Give the state of each path, as the event `control_paths` carries it."""
     return {plant: path.state.value for plant, path in paths.items()}
 
 

@@ -1,20 +1,21 @@
-"""Component-cycles, whatever the direction of their edges: the longest one, and graphs that are bound by it.
+"""Finds component-cycles: the longest one of a graph, and whether it makes the graph cycle-bound.
 
-A component-path is two or more different members, each a neighbor of the next. A component-cycle is a path of three or
-more whose last member is a neighbor of its first. A graph is *cycle-bound* if it is component-connected and some
-longest cycle has each member in it, or in a cycle that shares a member with it.
+The direction of edges does not count. A component-path is two or more different members, each a neighbor of the next. A
+component-cycle is a path of three or more members whose last member is a neighbor of its first. A graph is
+*cycle-bound* if it is component-connected and has a longest cycle such that every member is on that cycle, or on
+another cycle that shares a member with it.
 
 Every cycle lies in a *block*: a largest set of members that stays connected whichever one of them is removed. In a
-block of three or more any two members lie on one cycle. So a graph is cycle-bound iff it is connected, each member is
-in a block of three or more, and some longest cycle of the whole graph lies in a block that meets every other one and
-passes all members that this block shares with others. Two blocks share at most one member.
+block of three or more members, any two members lie on one cycle. Two blocks share at most one member. So a graph is
+cycle-bound iff three conditions hold. The graph is connected. Each member is in a block of three or more. Some longest
+cycle of the whole graph lies in a block that shares a member with every other block, and passes all these members.
 
-To find a longest cycle is NP-hard. A `Search` finds bounds for one block; `bounds_alone` searches for nothing, which is
-enough where the whole graph is one block, and where blocks are too far apart.
+To find a longest cycle is NP-hard. A `Search` finds bounds of the length for one block. `bounds_alone` gives bounds
+without a search. They suffice where the whole graph is one block, and where blocks are too far apart.
 
-Source: the paper, section 2.2. What differs: its component-path is any connected set; two neighbors are no cycle here;
-and "maximal length" by its letter is had only by a cycle through all. Being cycle-bound says nothing of control:
-A > B, A > C, B > C is cycle-bound, and nothing controls A.
+Source: the paper, section 2.2. Differences: the paper's component-path is any connected set; here two neighbors are no
+cycle; and the paper's "maximal length", read literally, is reached only by a cycle through all members. A cycle-bound
+graph need not be controlled: A > B, A > C, B > C is cycle-bound, and nothing controls A.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -37,9 +38,10 @@ LEAST_CYCLE = 3
 
 
 def bounds_alone(block: Touching, through: frozenset[str]) -> Bounds:
-    """Bounds without a search: of a block whose members touch d others or more, min(size, 2 d) (Dirac 1952).
+    """Bounds without a search: in a block of `size` members, each with d neighbors or more, at least min(size, 2 d).
 
-    A cycle through all passes any `through`; a shorter one is only known to pass two of them.
+    Source: Dirac 1952. A cycle through all members passes all of `through`; a shorter one is only known to pass two of
+    them.
     """
     size = len(block)
     degrees = [len(touching) for touching in block.values()]
@@ -90,7 +92,7 @@ def _searched(touching: Touching, ring: set[str], through: frozenset[str], searc
 
 
 def blocks(touching: Touching) -> list[set[str]]:
-    """Blocks of a graph of neighbors (Hopcroft and Tarjan 1973); a member without neighbors is in none."""
+    """Blocks of a graph of neighbors (Hopcroft and Tarjan 1973); a member without neighbors is in no block."""
     return _Blocks(touching).found()
 
 
@@ -136,7 +138,7 @@ class _Blocks:
         return None
 
     def _leave(self, above: str, name: str) -> None:
-        """Close the block below `above`, where nothing in it leads further back."""
+        """Close the block below `above`, if no neighbor leads from the block to a member before `above`."""
         self._low[above] = min(self._low[above], self._low[name])
         if self._low[name] >= self._entered[above]:
             block = {above}

@@ -1,16 +1,17 @@
 """Component graphs as values: leaves, vertices, edges, and components that hold components.
 
 A *space* is a set of leaves, each with ports. A vertex is `leaf.port`, split at the first dot; its *parent* is the
-leaf. An edge is an ordered pair of vertices of the space. A graph is (V, E, C): vertices, edges (whose ends may lie
-outside V) and names of members. A member is a (V, E, C) as well: a leaf is (its ports, {}, {}), and a composite says
-what it has. Nothing here demands that a graph makes sense: predicates.py assesses that.
+leaf. An edge is an ordered pair of vertices of the space. A graph is (V, E, C): vertices V, edges E (whose ends may lie
+outside V) and names of members C. A member is a (V, E, C) as well. For a leaf it is (its ports, {}, {}); a composite
+states its own V, E and C. This file does not check whether a graph makes sense; predicates.py does.
 
-A graph of this module has no unknown names: each name in a C is a leaf or a composite, and each vertex is a port of a
-leaf of the space. Nothing is ever changed; an operation gives another graph.
+A graph of this module has no unknown names: each name in C is a leaf or a composite, and each vertex is a port of a
+leaf of the space. Graphs are immutable; an operation gives another graph.
 
 Source: Ippolito et al., "Polymorphic Control Reconfiguration in an Autonomous UAV with UGV Collaboration", section 2.2.
-The paper says that a vertex has a unique parent and then contracts components all the same; here the parent of a vertex
-is its leaf, whatever members hold the vertex. It also writes "G is a subgraph of G'" with the roles exchanged.
+Differences: in the paper a vertex has a unique parent, although the paper also contracts components. Here the parent of
+a vertex is its leaf, whatever members hold the vertex. The paper writes "G is a subgraph of G'" with the roles
+exchanged.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,26 +19,32 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from heronry_wire.errors import HeronryError
+from heronry_wire.spelling import meant
 
 Edge = tuple[str, str]
 """Initial and terminal vertex: init(e) and ter(e) of the paper."""
 
 
 class PcsError(HeronryError, ValueError):
-    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`."""
+    """An operation that cannot be applied; `error` is its name, such as `needs:configuration` or `unknown:Kimu`.
 
-    def __init__(self, error: str) -> None:
+    is_unknown: the caller names what there is not; `known` has the names that there are, for "did you mean".
+    """
+
+    def __init__(self, error: str, known: Iterable[str] = ()) -> None:
         self.error = error
-        super().__init__(f"{error}: {_explained(error)}")
+        self.is_unknown = error.startswith("unknown:")
+        explained = _explained(error, known)
+        super().__init__(explained if self.is_unknown else f"{error}: {explained}")
 
 
-def _explained(error: str) -> str:
+def _explained(error: str, known: Iterable[str]) -> str:
     kind, _, name = error.partition(":")
     match kind:
         case "needs":
             return f"the graph is not {name}, which this needs"
         case "unknown":
-            return f"there is no '{name}' here"
+            return f"there is no '{name}' here; {meant(name, sorted(known))}"
         case "clash":
             return f"the name '{name}' stands for two different components"
         case _:
@@ -59,7 +66,7 @@ _SENTENCES: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """A component without components: what runs, or a part of the physical world."""
+    """Leaf: A component without components: a running module, a device, or a part of the physical world."""
 
     name: str
     ports: Mapping[str, int]  # port -> weight in thousandths of a bit/s
@@ -81,13 +88,13 @@ class Part:
     components: frozenset[str] = frozenset()
 
     def has_subgraph(self, other: "Part") -> bool:
-        """Tell whether another one is a subgraph of this one: V, E and C are subsets."""
+        """Tell whether `other` is a subgraph of this part: its V, E and C are subsets."""
         return other.vertices <= self.vertices and other.edges <= self.edges and other.components <= self.components
 
 
 @dataclass(frozen=True)
 class Graph:
-    """A component graph, its space, and the composites that its names stand for."""
+    """A component graph with its space, and the composites for which its names stand."""
 
     name: str
     leaves: Mapping[str, Leaf]  # the space, in the order of the file
@@ -120,11 +127,11 @@ class Graph:
 
     @cached_property
     def space(self) -> frozenset[str]:
-        """All vertices that there are."""
+        """All vertices of the space, whether the graph has them or not."""
         return frozenset(vertex for leaf in self.leaves.values() for vertex in leaf.vertices())
 
     def part(self, name: str) -> Part:
-        """What a name stands for: a leaf or a composite."""
+        """Give the leaf or composite that has a name."""
         leaf = self.leaves.get(name)
         return self.composites[name] if leaf is None else Part(leaf.vertices())
 

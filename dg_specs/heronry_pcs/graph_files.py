@@ -1,7 +1,8 @@
-"""Files of component graphs: `NAME.pcs.yaml` is written by hand, `NAME.pcs.json` by programs.
+"""Reads and writes files of component graphs: people write `NAME.pcs.yaml`, programs write `NAME.pcs.json`.
 
-Both are read as strictly as a spec: everything unknown is refused, and all that is wrong is found in one reading, with
-line and column. Whatever is wrong is PCS001; what names refer to is told by `clash:K` and `unknown:X` in its sentence.
+Both are read as strictly as a spec: everything unknown is refused, and one reading finds every mistake, with line and
+column. Every mistake has the code PCS001. The sentence about a wrong name begins with `clash:K` (name K stands for two
+things) or `unknown:X` (name X stands for nothing).
 """
 
 import json
@@ -35,7 +36,10 @@ def load_graph(path: str | Path) -> Graph:
 
 
 def read_graph(data: bytes, file: str, findings: Findings) -> Graph | None:
-    """Read a graph; None, and findings, where it is none. A name that ends in .pcs.json tells JSON from YAML."""
+    """Read a graph; None, and findings, where the data are no graph.
+
+    A `file` that ends in .pcs.json is read as JSON.
+    """
     found = _Found(file)
     with collector_at_rest():
         name = Path(file).name
@@ -48,7 +52,7 @@ def read_graph(data: bytes, file: str, findings: Findings) -> Graph | None:
 
 
 def findings_in(data: bytes, file: str) -> tuple[Finding, ...]:
-    """All that is wrong with the file of a graph."""
+    """Give all findings about the file of a graph."""
     found = _Found(file)
     read_graph(data, file, found)
     return tuple(found)
@@ -82,7 +86,7 @@ def _part(part: Part) -> Json:
 
 
 class _Found(Findings):
-    """Findings that are all PCS001, whichever reader makes them: the reader of YAML has rules of specs."""
+    """Collects findings, all under PCS001: the shared YAML reader reports rules of specs, which are converted."""
 
     def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
         """Note a mistake under PCS001; a hint that is about specs is left out."""

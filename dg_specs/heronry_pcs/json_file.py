@@ -4,8 +4,9 @@
      "leaves": {A: {"ports": {PORT: thousandths of a bit/s}, "image": TEXT, "plant": BOOL, "side": TEXT or null}},
      "components": {K: X}, "graph": X}          X = {"vertices": [..], "edges": [[s, t]], "components": [..]}
 
-Unlike YAML, it can say of a composite what it likes, so that graphs which keep no predicate have a form as well. The
-text is parsed as JSON; only where something is wrong it is read again as YAML, of which it is a part, for the place.
+This form states vertices, edges and components of each composite, while the YAML form derives them. So JSON can also
+hold graphs that break predicates. The text is parsed as JSON. Only where a mistake is found, the text is read again as
+YAML (JSON is a part of YAML), to find the line and column.
 """
 
 import json
@@ -28,7 +29,7 @@ _Path = tuple[int | str, ...]
 
 
 def read_json(data: bytes, name: str, findings: Findings) -> Graph | None:
-    """Read a graph, called `name` where the file does not say; None, and findings, where it is none."""
+    """Read a graph; None, and findings, where the data are no graph. `name` is its name where the file gives none."""
     if len(data) > MOST_BYTES:
         findings.add(BAD_FILE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "divide the graph")
         return None
@@ -62,7 +63,7 @@ def _no_number(name: str) -> object:
 
 
 def _place(data: bytes, mistakes: Sequence[tuple[_Path, str, str]], findings: Findings) -> None:
-    """Give mistakes with the places of their paths."""
+    """Add a finding for each mistake, at the place to which its path leads."""
     tree = read_tree(data, Findings("")) if mistakes else None
     for path, sentence, hint in mistakes:
         place = follow(tree, path)[0].place if tree is not None else Place(1, 1)
@@ -95,7 +96,7 @@ class _Reader:
     def _object(
         self, value: Any, path: _Path, subject: str, known: Sequence[str], required: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Known fields of an object; each that is unknown, given twice or lacking is refused."""
+        """Give the known fields of an object; a field that is unknown, given twice or missing is reported."""
         if not isinstance(value, _Object):
             self._refuse(path, f"{subject} must be an object, not {shown(value)}", "write {...}")
             return {}

@@ -1,4 +1,4 @@
-"""The JSON schema of `*.pcs.yaml` (draft 7), for editors; it knows nothing of what names refer to."""
+"""The JSON schema of `*.pcs.yaml` (draft 7), for editors; it does not check whether names refer to something."""
 
 import json
 from typing import Any, Final

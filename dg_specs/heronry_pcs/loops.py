@@ -1,17 +1,17 @@
-"""Loops: where a signal comes back to where it came from. Here the direction of edges counts.
+"""Finds loops in a graph: paths along which a signal returns to its origin. The direction of edges counts.
 
-The *home* of a vertex is the smallest member that holds it: the one with the fewest vertices, then the fewest
-components, then the first by name; a vertex that no member holds has its leaf for a home. Edges lead from home to home,
+The *home* of a vertex is the smallest member that holds the vertex: the one with the fewest vertices, then the fewest
+components, then the first by name. The home of a vertex that no member holds is its leaf. Edges lead from home to home,
 and a *loop* is a set of two or more homes that all reach one another. So each loop lies in a strongly connected
-component of the homes, and that component is itself the largest loop in it: these are what `loops` gives.
+component of the homes, and that component is itself the largest loop in it. `loops` gives these largest loops.
 
-A member is on a loop if some loop has a home within its vertices, and another one that is not: the signal leaves it and
-returns. A plant, which is a part of the physical world, is on a path if some loop leads through it and through
-something that is no plant: a controller acts on it and sees the effect. A control path of some members is one loop
-with a home within each of them.
+A member is *on a loop* if some loop has a home within the member's vertices and another home outside: the signal leaves
+the member and returns. A plant is a part of the physical world. A plant is *on a path* if some loop leads through it
+and through a home that is no plant: a controller acts on the plant and sees the effect. A *control path* of some
+members is one loop with a home within each of them.
 
-Source: the paper, section 3.4 ("a control path that includes the components"), which defines no loop; its
-component-cycles ignore direction (cycles.py), so that three components which feed one another forward are one.
+Source: the paper, section 3.4 ("a control path that includes the components"), which does not define a loop. The
+paper's component-cycles (cycles.py) ignore direction, so three components that only feed data forward can form one.
 """
 
 from collections import Counter
@@ -31,11 +31,11 @@ class Loops:
     _homes_at: Mapping[str, list[tuple[int, frozenset[str]]]]  # by vertex: loop and vertices of a home that holds it
 
     def through(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop has a home within these vertices and one that is not."""
+        """Tell whether some loop has a home within these vertices and another home outside."""
         return any(count < len(self.found[loop]) for loop, count in self._within(vertices).items())
 
     def control(self, vertices: frozenset[str]) -> bool:
-        """Tell whether some loop has a home within these vertices, of a plant, and one that is no plant."""
+        """Tell whether some loop has a plant as a home within these vertices, and also a home that is no plant."""
         return not self._controlling.isdisjoint(self._within(vertices))
 
     def join(self, members: Collection[frozenset[str]]) -> bool:
@@ -46,19 +46,19 @@ class Loops:
         return bool(joined)
 
     def _within(self, vertices: frozenset[str]) -> Counter[int]:
-        """For each loop with homes within these vertices, how many there are: no two homes have the same vertices."""
+        """For each loop with homes within these vertices, their number; no two homes have the same vertices."""
         near = {home for vertex in vertices for home in self._homes_at.get(vertex, ())}
         return Counter(loop for loop, home in near if home <= vertices)
 
 
 def is_plant(graph: Graph, name: str) -> bool:
-    """Tell whether a member has vertices, all of leaves that are parts of the physical world."""
+    """Tell whether a member has vertices, all of them of leaves that are parts of the physical world."""
     leaves = {parent(vertex) for vertex in graph.part(name).vertices}
     return bool(leaves) and all(graph.leaves[leaf].plant for leaf in leaves)
 
 
 def home(graph: Graph, vertex: str) -> str:
-    """Name of the smallest member that holds a vertex; of its leaf where none does."""
+    """Give the name of the smallest member that holds a vertex, or of the vertex's leaf where no member does."""
     holders = graph.holders.get(vertex)
     if holders is None:
         return parent(vertex)

@@ -1,8 +1,7 @@
-"""What may be the name of a component or of a port.
+"""Which texts may be the name of a component or of a port.
 
-A vertex is `leaf.port`, split at the first dot; lists on a command line separate names by commas, and an edge is
-written `A.a -> B.b`. So a component has no dot in its name, and neither it nor a port has white space, commas, quotes
-or an arrow.
+A vertex is `leaf.port`, split at the first dot. On a command line a list separates names by commas, and an edge is
+written `A.a -> B.b`. So the name of a component has no dot, and no name has white space, commas, quotes or an arrow.
 """
 
 import re
@@ -28,6 +27,6 @@ def is_port(name: str) -> bool:
 
 
 def edge_of(text: str) -> tuple[str, str] | None:
-    """The two vertices of an edge written `A.a -> B.b`; None where it is none."""
+    """Give the two vertices of an edge written `A.a -> B.b`; None where the text is no edge."""
     match = _EDGE.fullmatch(text)
     return (match["start"], match["end"]) if match is not None else None

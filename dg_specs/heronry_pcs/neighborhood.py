@@ -1,11 +1,12 @@
-"""Which members touch: neighbors, what a member subsumes, and the necessary conditions for control.
+"""Which members are neighbors, which members a member subsumes, and the necessary conditions for control.
 
-Two members are neighbors if an edge, in either direction, has one end in the one and the other end in the other. A
-member subsumes another one that is a subgraph of it, and is among its components, or is subsumed by one of them.
+Two members are neighbors if an edge, in either direction, has one end in the one member and the other end in the other.
+A member subsumes another member if the other one is its subgraph, and is one of its components, or is subsumed by one
+of its components.
 
-*Necessary, not sufficient*: a member into which no edge leads from another member cannot be controllable, and one out
-of which none leads cannot be observable. The paper's conditions say no more: a component between two pairs that feed
-each other has an edge in and an edge out, and yet is on no loop.
+The conditions for control are *necessary, not sufficient*. A member into which no edge leads from another member cannot
+be controllable. A member out of which no edge leads cannot be observable. The paper's conditions say no more. For
+example, a component between two pairs that feed each other has an edge in and an edge out, and is on no loop.
 
 Source: the paper, section 2.2.
 """
@@ -31,7 +32,7 @@ def neighbors(graph: Graph) -> Mapping[str, set[str]]:
 
 
 def _crossings(graph: Graph) -> set[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """For each edge the members that hold its ends; edges alike count once."""
+    """For each edge, the members that hold its ends; edges between the same members count once."""
     return {(graph.holders.get(start, ()), graph.holders.get(end, ())) for start, end in graph.edges}
 
 
@@ -41,7 +42,10 @@ def subsumed(graph: Graph) -> Mapping[str, list[str]]:
 
 
 def _subsumed_by(graph: Graph, name: str) -> set[str]:
-    """Walk down from a member; what is below a component is subsumed where each on the way down is a supergraph."""
+    """Give the components that a member subsumes.
+
+    A component is subsumed if each component on the way down to it is a supergraph of it.
+    """
     found: set[str] = set()
     for target in _below(graph, name):
         part = graph.part(target)
@@ -60,7 +64,7 @@ def _subsumed_by(graph: Graph, name: str) -> set[str]:
 
 
 def _below(graph: Graph, name: str) -> set[str]:
-    """Members among the components of a member, or of one of these, and so on."""
+    """Give the members among the components of a member, their components, and so on."""
     seen: set[str] = set()
     waiting = [name]
     while waiting:
@@ -71,12 +75,12 @@ def _below(graph: Graph, name: str) -> set[str]:
 
 
 def controllable(graph: Graph) -> Mapping[str, Condition]:
-    """For each member whether the necessary condition for controllability excludes it: an edge leads into it."""
+    """For each member: an edge leads into it from another member, so controllability is not excluded."""
     return _fed_by_another(graph, graph.edges)
 
 
 def observable(graph: Graph) -> Mapping[str, Condition]:
-    """For each member whether the necessary condition for observability excludes it: an edge leads out of it."""
+    """For each member: an edge leads out of it to another member, so observability is not excluded."""
     return _fed_by_another(graph, {(end, start) for start, end in graph.edges})
 
 

@@ -1,18 +1,20 @@
 """Operations on component graphs: cprune, combine, removal, addition and addEdge.
 
-Each checks what it needs, in the order of its docstring, and raises PcsError with the first thing that is missing: a
-predicate as `needs:P`, then clashes, then a vertex that the space lacks (`unknown:V`), then where the edge lies.
+Each operation first checks its requirements, in the order of its docstring. It raises PcsError for the first one that
+fails: a predicate as `needs:P`, then clashes, then a vertex that the space lacks (`unknown:V`), then the place of the
+edge. Predicates (predicates.py) that hold before an operation and also after it:
 
-    cprune     keeps what it needs
-    combine    keeps component_graph and edge_contained; configuration if an edge is given and no vertex is shared
-    removal    keeps all but component_connected
-    addition   keeps configuration
-    add_edge   keeps configuration
+    cprune     those that it needs
+    combine    component_graph and edge_contained; configuration if an edge is given and no vertex is shared
+    removal    all but component_connected
+    addition   configuration
+    add_edge   configuration
 
-Source: the paper, section 2.3. What differs, since its text would not keep what it promises: cprune takes the vertices
-of a component along, and stops at one component; combine takes no edge as well, which section 3.4 uses; removal gives a
-configuration only if what is left is connected; addition refuses an edge that leaves the graph or lies inside a
-component; addEdge adds an edge between two members, and the parent that it brings becomes a member.
+Source: the paper, section 2.3. By the paper's text the operations would not keep these predicates, so they differ from
+it. cprune removes the vertices of a component too, and stops at one component. combine also works without an edge, as
+section 3.4 of the paper uses it. removal gives a configuration only if the rest is connected. addition refuses an edge
+that leaves the graph or lies inside a component. addEdge adds an edge between two members, and the leaf that it brings
+becomes a member.
 """
 
 from collections.abc import Collection
@@ -24,7 +26,7 @@ from heronry_pcs.predicates import need
 
 
 def cprune(graph: Graph) -> Graph:
-    """While there are two members or more, drop the first by name that has no neighbor, with its vertices.
+    """As long as two members or more remain, remove the first one by name that has no neighbor, with its vertices.
 
     Needs component_graph, disjoint, pruned.
     """
@@ -38,9 +40,9 @@ def cprune(graph: Graph) -> Graph:
 def combine(graph: Graph, other: Graph, edge: Edge | None = None) -> Graph:
     """Unite two graphs, and join them by an edge.
 
-    Needs component_graph of both and a vertex in both (`needs:vertex`), in each first the one, then the other; what has
-    one name equal in both (`clash:K`); the ends of the edge in the spaces (`unknown:V`), one in each graph
-    (`edge_apart`).
+    Needs component_graph of both, and a vertex in both (`needs:vertex`); the first graph is checked before the second.
+    A name that both have must stand for the same part (`clash:K`). The ends of the edge must be in the spaces
+    (`unknown:V`), one end in each graph (`edge_apart`).
     """
     for one in (graph, other):
         need(one, "component_graph")
@@ -68,7 +70,10 @@ def _leads(edge: Edge, graph: Graph, other: Graph) -> bool:
 
 
 def _refuse_clash(graph: Graph, other: Graph) -> None:
-    """Raise PcsError for the first name of both that stands for different things: leaves first, then composites."""
+    """Raise PcsError for the first name that stands for different parts in two graphs.
+
+    Leaves come first, then composites.
+    """
     for name in sorted(graph.leaves.keys() & other.leaves.keys()):
         if graph.leaves[name] != other.leaves[name]:
             raise PcsError(f"clash:{name}")
@@ -80,7 +85,7 @@ def _refuse_clash(graph: Graph, other: Graph) -> None:
 
 
 def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
-    """Remove edges, and prune what is left; an edge that the graph lacks is passed over. Needs configuration."""
+    """Remove edges, and prune the rest; an edge that the graph lacks is ignored. Needs configuration."""
     need(graph, "configuration")
     return cprune(graph.of(graph.vertices, graph.edges - frozenset(edges), graph.own.components))
 
@@ -88,8 +93,8 @@ def removal(graph: Graph, edges: Collection[Edge]) -> Graph:
 def addition(graph: Graph, edge: Edge) -> Graph:
     """Add an edge.
 
-    Needs configuration; both ends in the space (`unknown:V`), in the graph (`edge_outside`), not in one member
-    (`edge_inside`).
+    Needs configuration. Both ends must be in the space (`unknown:V`) and in the graph (`edge_outside`), and not in one
+    member (`edge_inside`).
     """
     need(graph, "configuration")
     _check_known(edge, graph.space)
@@ -101,10 +106,10 @@ def addition(graph: Graph, edge: Edge) -> Graph:
 
 
 def add_edge(graph: Graph, edge: Edge) -> Graph:
-    """Add an edge, and the leaf at the end of it that is not in the graph yet.
+    """Add an edge, and the leaf at the end of the edge that is not in the graph yet.
 
-    Needs configuration; both ends in the space (`unknown:V`), one of them in the graph (`edge_apart`). An edge inside
-    one member changes nothing.
+    Needs configuration. Both ends must be in the space (`unknown:V`), and at least one of them in the graph
+    (`edge_apart`). An edge inside one member changes nothing.
     """
     need(graph, "configuration")
     _check_known(edge, graph.space)
@@ -127,7 +132,7 @@ def _alone(graph: Graph, leaf: str) -> Graph:
 def _check_known(edge: Edge, space: frozenset[str]) -> None:
     for vertex in edge:
         if vertex not in space:
-            raise PcsError(f"unknown:{vertex}")
+            raise PcsError(f"unknown:{vertex}", space)
 
 
 def _in_one_member(graph: Graph, edge: Edge) -> bool:

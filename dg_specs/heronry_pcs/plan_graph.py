@@ -4,15 +4,15 @@
                       rate; `V:PATH` for each leaf of its mode's needs, wired or not; `device:` if it has a device;
                       `none` if it has none of these. Image `IMAGE:MODE@PE`
     leaf device:D     each device of a running module: ports `module` and `world`
-    leaf plant:P      each plant: ports `device:D` for what moves and sees it, `to:Q` for what it affects, `from:Q` for
-                      what affects it; `none` if it has none of these
-    composite pe:P    the modules and devices on a PE; `side:P` for PEs that wired buses join, P the first of them in
-                      the spec. Neither where it would be empty; plants are in none
+    leaf plant:P      each plant: ports `device:D` for each device that moves or sees it, `to:Q` for each plant that it
+                      affects, `from:Q` for each plant that affects it; `none` if it has none of these
+    composite pe:P    the modules and devices on a PE
+    composite side:P  the same for a side: the PEs that wired buses join, P the first of them in the spec
 
-Edges follow wires; they lead from a sensor to its module and from a module to its actuator, from an actuator to the
-plants that it moves, from a plant to the sensors that see it and to the plants that it affects. A device that no
-running module uses has no leaf. `side` of a device's leaf is its side; a module has one if all PEs that may run it are
-on it.
+Empty composites are left out, and plants are in no composite. Edges follow wires. They also lead from a sensor to its
+module and from a module to its actuator, from an actuator to the plants that it moves, and from a plant to the sensors
+that see it and to the plants that it affects. A device that no running module uses has no leaf. The field `side` of a
+device's leaf is the side of its PE. A module's leaf has a side if all PEs that may run the module are on that side.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -48,7 +48,7 @@ def plan_graph(spec: Spec, configuration: Configuration) -> Graph:
 
 
 def sides_of(spec: Spec) -> dict[str, str]:
-    """For each PE the first one of its side in the spec's order: PEs that wired buses join are on one side."""
+    """Give for each PE the first PE of its side in the spec's order; a side is a set of PEs that wired buses join."""
     first: dict[str, str] = {}
     for name in spec.pes:
         if name not in first:
@@ -67,7 +67,10 @@ def _joined(spec: Spec, pe: str) -> set[str]:
 
 
 def managers_side(spec: Spec) -> str | None:
-    """Name of the side that the manager's bus leads to, as a leaf has it; None where no PE is on that bus."""
+    """Give the name of the side that the manager's bus leads to, as leaves carry it.
+
+    None where no PE is on that bus.
+    """
     sides = sides_of(spec)
     return next((f"side:{sides[pe.name]}" for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
 
@@ -86,7 +89,7 @@ def module_leaf(spec: Spec, name: str, mode: str, pe: str, sides: Mapping[str, s
 
 
 def image_of(module: Module, mode: str, pe: str) -> str:
-    """What a leaf says of a module that runs in a mode on a PE."""
+    """Give the text `IMAGE:MODE@PE` of a module that runs in a mode on a PE."""
     return f"{module.image}:{mode}@{pe}"
 
 
@@ -143,7 +146,7 @@ def _plant_edges(spec: Spec, leaves: Mapping[str, Leaf]) -> Iterator[Edge]:
 def _composites(
     on_pe: Mapping[str, list[str]], sides: Mapping[str, str], leaves: Mapping[str, Leaf], edges: frozenset[Edge]
 ) -> Iterator[tuple[str, Part]]:
-    """The PEs and the sides that have something, sides first."""
+    """Give the composites of PEs and sides that are not empty, sides first."""
     for side in dict.fromkeys(sides.values()):
         pes = [pe for pe in on_pe if sides[pe] == side and on_pe[pe]]
         if pes:
@@ -160,6 +163,6 @@ def _composite(names: list[str], leaves: Mapping[str, Leaf], edges: frozenset[Ed
 
 
 def level_view(graph: Graph, level: str) -> frozenset[str]:
-    """The view of a plan's graph by `pe` or `side`: these composites, and the plants."""
+    """Give the view of a plan's graph by `pe` or by `side`: the composites of this level, and the plants."""
     plants = {name for name, leaf in graph.leaves.items() if leaf.plant}
     return frozenset(plants | {name for name in graph.composites if name.startswith(f"{level}:")})

@@ -1,15 +1,16 @@
-"""Scripts on a plan: what runs is rewired, and moved, as the components of a graph are.
+"""Applies scripts to a plan: a script rewires and moves running modules as it does components of a graph.
 
-The graph that a script sees has the running modules and their wires alone; devices and plants follow from them. Its
-space holds, under the name of each module, one leaf for each of its modes and possible PEs, and the image picks one:
-`IMAGE:MODE@PE`. What may be left out:
+The graph that a script sees has only the running modules and their wires; devices and plants follow from them. The
+space has, under the name of each module, one leaf for each of its modes and possible PEs. The image `IMAGE:MODE@PE`
+selects a leaf. Parts that a script may leave out:
 
-    :MODE    then it is the best mode that has all wires which the script tells of the module
+    :MODE    then the mode is the best one that has all wires which the script gives to the module
     @PE      then the PEs are those of the legal configuration with the fewest published bits (level 6), then the least
              CPU (level 7); of several the first in the spec's order
     :PATH    of the input at the end of an edge, where the module has one input of that variable
 
-A script can tell an edge that is no wire, since it leads from an input or between two variables: `no_wires` lists them.
+A script can create an edge that is not a wire, because it leads from an input, between two variables, or to a module
+that the script has deleted. `no_wires` lists such edges.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,7 +36,7 @@ Place = tuple[str, str]  # mode, PE
 
 @dataclass(frozen=True, slots=True)
 class PlanOutcome:
-    """What a script makes of a configuration: with errors the one before it."""
+    """The result of a script applied to a configuration; if there are errors, the configuration is the one before."""
 
     statements: int
     errors: tuple[ScriptError, ...]
@@ -54,9 +55,10 @@ def module_graph(spec: Spec, configuration: Configuration) -> Graph:
 def apply_to_plan(
     text: str, spec: Spec, now: Situation, configuration: Configuration, most_placements: int = MOST_PLACEMENTS
 ) -> PlanOutcome:
-    """Apply a script to a configuration, in the situation that PEs left out are chosen for.
+    """Apply a script to a configuration; PEs that the script leaves out are chosen for the situation `now`.
 
-    If PEs can be chosen in more than `most_placements` ways, each one is the first possible one of the spec.
+    If PEs can be chosen in more than `most_placements` ways, each module gets its first possible PE in the spec's
+    order.
     """
     space = _Space(spec, text)
     outcome = interpret(text, module_graph(spec, configuration), space.pick, _target)
@@ -69,7 +71,7 @@ def apply_to_plan(
 
 
 def _target(leaf: Leaf, port: str) -> str:
-    """The input that `V` stands for at the end of an edge: the only one of that variable."""
+    """Give the input that port `V` means at the end of an edge: the only input of variable V."""
     inputs = [one for one in leaf.ports if one.startswith(f"{port}:")] if ":" not in port else []
     return inputs[0] if len(inputs) == 1 else port
 
@@ -90,7 +92,7 @@ class _Space:
                     ports.setdefault(name, set()).add(port)
 
     def pick(self, name: str, image: str) -> Leaf | None:
-        """The leaf of a module that an image names, with what the image leaves out."""
+        """Give the leaf of a module that an image selects; what the image leaves out is filled in."""
         module = self._spec.modules.get(name)
         if module is None:
             return None
@@ -104,7 +106,10 @@ class _Space:
         return None
 
     def _names(self, module: Module) -> Iterator[tuple[Place, tuple[str, ...]]]:
-        """Each mode and possible PE with the images that name it: with both, without PE, without mode, with neither."""
+        """Give each mode and possible PE with the images that select it.
+
+        Four forms select it: with mode and PE, without the PE, without the mode, without both.
+        """
         for mode in module.modes:
             for pe in hosts_when_all_is_up(self._spec, module):
                 short = f"{module.image}:{mode}", f"{module.image}@{pe}", module.image
@@ -122,12 +127,15 @@ class _Space:
 
 
 def _wired(spec: Spec, graph: Graph, places: Mapping[str, Place]) -> tuple[Configuration, tuple[Edge, ...]]:
-    """The configuration of a graph of modules, and the edges that are no wires of one."""
+    """Give the configuration of a graph of modules, and the edges that are not wires of a configuration."""
     modules = {name: Running(places[name][1], places[name][0], {}) for name in spec.modules if name in places}
     no_wires = []
     for start, end in sorted(graph.edges):
         (producer, _, variable), (consumer, _, port) = start.partition("."), end.partition(".")
         read, _, path = port.partition(":")
+        if producer not in modules or consumer not in modules:  # a deleted module's edge, which PruneEdges would drop
+            no_wires.append((start, end))
+            continue
         gives = spec.modules[producer].modes[modules[producer].mode].gives
         leaves = dict(spec.modules[consumer].modes[modules[consumer].mode].leaves())
         inputs = modules[consumer].inputs
@@ -144,7 +152,7 @@ def _placed(
 ) -> Configuration:
     """Choose the PEs of some modules: those of a legal configuration with the fewest published bits, if there is one.
 
-    CPU is the same on every PE, so that level 7 decides nothing here.
+    Level 7 of the objective decides nothing here, since a module takes the same CPU on every PE.
     """
     hosts = [hosts_when_all_is_up(spec, spec.modules[name]) for name in free]
     if not free or prod(map(len, hosts)) > most_placements:

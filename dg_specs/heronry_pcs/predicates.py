@@ -1,8 +1,8 @@
-"""What holds of a component graph: the constraints of a component, and the properties of a configuration.
+"""Predicates: what holds of a component graph, and when a graph is a configuration.
 
-    component_graph      each member keeps: `subgraph` of the graph; `edge_containment`: its edges end in its vertices;
-                         `component_containment`: each of its components is a subgraph of it; `monotonicity`: it is not
-                         among its own components; `vertex`: it has one
+    component_graph      for each member: `subgraph`: it is a subgraph of the graph; `edge_containment`: its edges end
+                         in its vertices; `component_containment`: each of its components is a subgraph of it;
+                         `monotonicity`: it is not among its own components; `vertex`: it has a vertex
     edge_contained       the edges of the graph end in its vertices
     whole                the graph, and each member, has all ports of a leaf or none
     nested               two members share no vertex, or one is among the other's components
@@ -13,9 +13,10 @@
 
 None of these looks at the direction of an edge.
 
-Source: the paper, section 2.2: component (i)-(iv), edge contained, configuration graph (i)-(iv). What differs: a member
-that a contraction has made has no edges and no components (views.py), and `whole` stands in for the paper's unique
-parent: by (i) to (iii) as printed every member of a configuration would be a leaf, and its own Figures 13 to 15 none.
+Source: the paper, section 2.2: component (i)-(iv), edge contained, configuration graph (i)-(iv). Differences: a member
+that a contraction has made has no edges and no components (views.py), and `whole` replaces the paper's unique parent.
+As printed, (i) to (iii) would allow only leaves as members of a configuration, and the graphs of the paper's own
+Figures 13 to 15 would be no configurations.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,7 +28,7 @@ from heronry_pcs.neighborhood import neighbors
 
 
 def broken(graph: Graph) -> dict[str, list[str]]:
-    """Name for each member that is no component of the graph the constraints that it breaks."""
+    """For each member that is no component of the graph: the names of the constraints that it breaks."""
     found = {name: list(_broken_by(graph, name, member)) for name, member in graph.members.items()}
     return {name: constraints for name, constraints in found.items() if constraints}
 
@@ -50,7 +51,7 @@ def _ends_inside(part: Part) -> bool:
 
 
 def is_component_graph(graph: Graph) -> bool:
-    """Tell whether each member keeps the five constraints of a component."""
+    """Tell whether each member satisfies the five constraints of a component."""
     return not broken(graph)
 
 
@@ -60,7 +61,7 @@ def is_edge_contained(graph: Graph) -> bool:
 
 
 def is_whole(graph: Graph) -> bool:
-    """Tell whether no leaf is in the graph, or in a member, with a part of its ports."""
+    """Tell whether the graph, and each member, has all ports of a leaf or none."""
     ports = {name: len(leaf.ports) for name, leaf in graph.leaves.items()}
     return all(_has_whole_leaves(part.vertices, ports) for part in (graph.own, *graph.members.values()))
 
@@ -86,7 +87,7 @@ def is_disjoint(graph: Graph) -> bool:
 
 
 def is_pruned(graph: Graph) -> bool:
-    """Tell whether each edge leads from member to member, inside none."""
+    """Tell whether each edge leads from one member to another, with no edge inside a member."""
     return all(_leads_between(graph, start, end) for start, end in graph.edges)
 
 
@@ -96,7 +97,7 @@ def _leads_between(graph: Graph, start: str, end: str) -> bool:
 
 
 def is_component_connected(graph: Graph) -> bool:
-    """Tell whether a component-path joins any two members; true of none and of one."""
+    """Tell whether a component-path joins any two members; true of a graph with no member or one."""
     touching = neighbors(graph)
     reached = set(list(graph.members)[:1])
     waiting = list(reached)
@@ -108,7 +109,7 @@ def is_component_connected(graph: Graph) -> bool:
 
 
 def is_configuration(graph: Graph) -> bool:
-    """Tell whether the graph is a configuration graph, (i) to (iv)."""
+    """Tell whether the graph is a configuration graph: (i) to (iv) of the paper."""
     return bool(graph.vertices) and all(
         PREDICATES[name](graph)
         for name in ("component_graph", "edge_contained", "whole", "disjoint", "pruned", "component_connected")
@@ -129,7 +130,7 @@ PREDICATES: Final[Mapping[str, Callable[[Graph], bool]]] = {
 
 
 def need(graph: Graph, *names: str) -> None:
-    """Raise PcsError `needs:P` for the first of some predicates that the graph lacks."""
+    """Raise PcsError `needs:P` for the first of the given predicates that does not hold."""
     for name in names:
         if not PREDICATES[name](graph):
             raise PcsError(f"needs:{name}")

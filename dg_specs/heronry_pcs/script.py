@@ -1,20 +1,20 @@
-"""Interprets a reconfiguration script: a graph before, and the graph after it or everything that is wrong.
+"""Interprets a reconfiguration script: gives the graph after the script, or all errors in the script.
 
-CreateComponent joins the space's leaf of the assigned name and the image to the graph. DeleteComponent takes a
-component away, all that is in it, and their vertices, from all composites as well; a composite left without vertices
-goes. Edges stay until PruneEdges drops those that do not end in V (this is not cprune). CreateEdge and DeleteEdge add
-and take an edge. At the end, the edges of each composite are those of the graph inside its vertices; a created leaf
-joins no composite.
+CreateComponent adds a leaf to the graph: the leaf of the space that has the assigned name and the image.
+DeleteComponent removes a component with its own components and all their vertices, from all composites as well; a
+composite that has no vertices left is removed. Edges stay until PruneEdges removes those that do not end in V (this is
+not cprune). CreateEdge and DeleteEdge add and remove an edge. At the end, the edges of each composite are those of the
+graph inside its vertices. A created leaf is in no composite.
 
-A script is all or nothing: with one error nothing is done at all. To find every error, statements are followed as if
-those before them had been done. After a component could not be created, its deletion and edges at it say nothing more.
+A script with one error changes nothing. To find every error, the statements are followed as if those before them had
+been executed. If a component could not be created, its deletion and edges at it give no further errors.
 
     101 syntax                      201 no such component         205 the edge exists already
     102 no such operation           202 no such port              206 no such edge
     103 receiver                    203 exists already            207 deleted on an earlier line
     104 variable                    204 no such leaf and image    208 an edge inside one leaf
 
-Source: the paper, section 3.4 and Figure 16, where an aircraft interpreted one in 10.3 ms.
+Source: the paper, section 3.4 and Figure 16; there an aircraft interpreted a script in 10.3 ms.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ Target = Callable[[Leaf, str], str]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a script does: the graph after it (with errors: the one before it), and its errors by line."""
+    """The result of a script: the graph after it (with errors: the graph before it), and its errors by line."""
 
     statements: int  # that could be read
     errors: tuple[ScriptError, ...]
@@ -43,8 +43,8 @@ class Outcome:
 def interpret(text: str, graph: Graph, pick: Pick | None = None, target: Target = lambda _leaf, port: port) -> Outcome:
     """Apply a script to a graph.
 
-    pick: the leaves that may be created; those of the graph's space if left out.
-    target: how the end of an edge names a port, where that is not the port's own name.
+    pick: gives the leaf to create for a name and an image; by default one of the graph's space. target: gives the port
+    that the end of an edge means, where the script writes another name than the port's own.
     """
     statements, errors = read_script(text)
     run = _Run(graph, pick or _picked_from(graph.leaves), target)
@@ -171,7 +171,7 @@ class _Run:
         self._members -= gone
 
     def _missing(self, name: str) -> tuple[str, str]:
-        """Code and words for a name that is no member."""
+        """Give the code and the words of the error about a name that is no member."""
         line = self._deleted.get(name)
         return ("201", "does not exist") if line is None else ("207", f"was deleted on line {line}")
 
@@ -200,7 +200,7 @@ class _Run:
             self._error(call.line, "206", f"there is no edge {_shown(edge)}")
 
     def _edge(self, call: Call) -> Edge | None:
-        """The edge of an operation whose ends are both there; None where one is not, or was not made."""
+        """Give the edge that an operation names; None where an end does not exist, or could not be created."""
         start, end = call.arguments[0], self._named_by(call.arguments[1])
         there = [self._has_end(call.line, vertex) for vertex in (start, end)]
         return (start, end) if all(there) else None

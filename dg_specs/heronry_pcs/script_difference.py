@@ -1,8 +1,9 @@
-"""The script that leads from one graph to another one: what goes, what comes, and how it is wired.
+"""Writes the script that leads from one graph to another: components to delete and to create, and edges.
 
-Leaves that differ, in ports or image, are deleted and created again. The script leads to the leaves and edges of the
-new graph where the old one's space has the new one's leaves as they are, created names are NAMEs of a script, and no
-new edge lies inside a leaf; else its own errors tell (204, 101, 208). Composites are not told.
+A leaf whose ports or image differ is deleted and created again. The script yields the leaves and edges of the new graph
+under three conditions; if one fails, interpreting the script gives an error. The old graph's space must have the leaves
+of the new graph, with the same ports and images (204). Names of created leaves must be NAMEs of a script (101). No new
+edge may lie inside a leaf (208). Composites are not compared.
 """
 
 from collections.abc import Iterable, Iterator
@@ -13,7 +14,7 @@ from heronry_pcs.script_syntax import NAME
 
 
 def difference(old: Graph, new: Graph) -> str:
-    """Write the script; raises PcsError `needs:P` where a graph is not one of leaves and whole."""
+    """Write the script; raises PcsError `needs:P` where a graph has composites or is not whole."""
     for graph in (old, new):
         _check(graph)
     receiver = _receiver(old, new)

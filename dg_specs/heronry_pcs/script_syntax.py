@@ -35,7 +35,10 @@ _SHAPES: Final[dict[str, tuple[tuple[str, ...], ...]]] = {  # operation -> what 
 
 @dataclass(frozen=True, slots=True)
 class ScriptError:
-    """What is wrong with a script: the line of the statement, or line and column of the token where reading failed."""
+    """A mistake in a script, with its place.
+
+    The place is the line of the statement, or the line and column of the token where reading failed.
+    """
 
     line: int
     column: int
@@ -80,7 +83,7 @@ class _SyntaxError(Exception):
 
 
 def read_script(text: str) -> tuple[list[Statement], list[ScriptError]]:
-    """Read a script: the statements that could be read, and an error for each that could not."""
+    """Read a script; gives the statements that could be read, and an error for each other one."""
     return _Parser(list(_tokens(text))).read()
 
 
@@ -160,7 +163,7 @@ class _Parser:
         return token
 
     def _recover(self) -> None:
-        """Go on behind the next `;`, or at the next line that begins a statement."""
+        """Skip to the token behind the next `;`, or to the next line that begins a statement."""
         while self._token().kind != "the end" and not self._begins_statement():
             self._at += 1
             if self._tokens[self._at - 1].kind == ";":

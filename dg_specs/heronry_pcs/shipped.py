@@ -1,4 +1,4 @@
-"""Where the graphs that come with this package are: beside it in a checkout, inside it in an installed wheel."""
+"""Finds the graphs that are shipped with this package: beside it in a checkout, inside it in an installed wheel."""
 
 from pathlib import Path
 
@@ -15,5 +15,5 @@ def shipped_graph_names() -> tuple[str, ...]:
 
 
 def shipped_graph_path(name: str) -> Path:
-    """File of a shipped graph, whose name must be one of `shipped_graph_names`."""
+    """Give the file of a shipped graph, whose name must be one of `shipped_graph_names`."""
     return next(path for folder in _FOLDERS if (path := folder / f"{name}{YAML_SUFFIX}").is_file())

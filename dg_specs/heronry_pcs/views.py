@@ -1,15 +1,17 @@
 """Views: the same system in more or less detail, by contraction and expansion.
 
-A *model* is a component graph that is whole and nested. A *view* of it is a set of members that share no vertex and
-have all vertices together. Each is seen closed, as (its vertices, {}, {}), and the edges of the view are those that no
-member of it holds with both ends. Predicates may be asked of a view; loops are always assessed in the model.
+A *model* is a component graph that is whole and nested. A *view* of a model is a set of members that share no vertex
+and together have all vertices. A view shows each member closed, as (its vertices, {}, {}). The edges of the view are
+those that lead from one of its members to another. Predicates may be asked of a view; loops are always assessed in the
+model.
 
 Contraction replaces the members of a view that are inside a component by that component; with `parts` it first makes a
-new composite of them. Expansion replaces a component by the largest components in it. The model changes only where a
-composite is made, and its vertices and edges never do. Contraction keeps all predicates but cycle_bound, which it may
-make true; expansion all but component_connected (so configuration) and cycle_bound.
+new composite of these members. Expansion replaces a component by the largest components in it. The vertices and edges
+of the model never change; its members change only where contraction makes a composite. Contraction keeps all predicates
+but cycle_bound, which it may make true. Expansion keeps all predicates but component_connected (hence configuration)
+and cycle_bound.
 
-Source: the paper, sections 2.1 and 2.2 (Figures 3 to 5). The expansion of its Figure 3 adds variables that no component
+Source: the paper, sections 2.1 and 2.2 (Figures 3 to 5). The expansion in its Figure 3 adds variables that no component
 had; here a view adds nothing.
 """
 
@@ -23,18 +25,18 @@ View = frozenset[str]
 
 
 def check_view(model: Graph, view: Collection[str]) -> None:
-    """Raise PcsError where the graph is no model, or the members are no view of it."""
+    """Raise PcsError where the graph is no model, or the members are no view of the model."""
     need(model, "component_graph", "whole", "nested")
     for name in sorted(view):
         if name not in model.members:
-            raise PcsError(f"unknown:{name}")
+            raise PcsError(f"unknown:{name}", model.members)
     vertices = _vertices(model, view)
     if sum(len(model.members[name].vertices) for name in view) != len(vertices) or vertices != model.vertices:
         raise PcsError("view")
 
 
 def view_graph(model: Graph, view: Collection[str]) -> Graph:
-    """Give a view as a graph of its own, its members closed; raises PcsError as `check_view`."""
+    """Give a view as a graph of its own, with its members closed; raises PcsError as `check_view` does."""
     check_view(model, view)
     of = {vertex: name for name in view for vertex in model.members[name].vertices}
     return Graph(
@@ -54,7 +56,9 @@ def view_graph(model: Graph, view: Collection[str]) -> Graph:
 def contract(
     model: Graph, view: Collection[str], name: str, parts: Collection[str] | None = None
 ) -> tuple[Graph, View]:
-    """Contract what is inside a component of the model to it; with `parts`, make that component of them first.
+    """Replace all members inside component `name` of the model by that component.
+
+    With `parts`, the component does not exist yet: it is first made of these members.
 
     Raises PcsError: as `check_view`; with parts `view`, `clash:K`, `needs:nested`; then `unknown:K`, `contracted`.
     """
@@ -62,7 +66,7 @@ def contract(
     if parts is not None:
         model = _with_composite(model, frozenset(view), name, frozenset(parts))
     if name not in model.members:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", model.members)
     component = model.members[name]
     replaced = frozenset(view) & component.components
     if name in view or _vertices(model, replaced) != component.vertices:
@@ -106,7 +110,7 @@ def expand(model: Graph, view: Collection[str], name: str) -> tuple[Graph, View]
     """
     check_view(model, view)
     if name not in view:
-        raise PcsError(f"unknown:{name}")
+        raise PcsError(f"unknown:{name}", view)
     member = model.members[name]
     if not member.components:
         raise PcsError("leaf")

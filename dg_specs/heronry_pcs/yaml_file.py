@@ -9,8 +9,8 @@
     edges: [Kc1.a -> Kc2.a, Kdyn.motion -> Kimu.motion]
     library: {Kekf: {image: pcstrackingfilter.dll, ports: [m_alt]}}    # in the space, not in the graph
 
-Members of the graph are all names under `components`, at any depth. The components of a composite are all names below
-it, its vertices all ports of their leaves, its edges those with both ends in its vertices.
+The members of the graph are all names under `components`, at any depth. Of a composite, the components are all names
+below it, the vertices are all ports of their leaves, and the edges are those with both ends in these vertices.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -31,7 +31,10 @@ COMPONENT_FIELDS: Final = ("components", *LEAF_FIELDS)
 
 
 def read_yaml(data: bytes, name: str, findings: Findings) -> Graph | None:
-    """Read a graph, called `name` where the file does not say; None, or a part of it, where there are findings."""
+    """Read a graph; None, or a part of the graph, where there are findings.
+
+    `name` is its name where the file gives none.
+    """
     if not data.strip():
         findings.add(BAD_FILE, Place(1, 1), "the file is empty", "begin with pcs: 1, then components:")
         return None
@@ -40,7 +43,7 @@ def read_yaml(data: bytes, name: str, findings: Findings) -> Graph | None:
 
 
 class _Reader:
-    """Reads one file; what is refused is left out of the graph."""
+    """Reads one file; parts with a mistake are reported, and left out of the graph."""
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
@@ -75,7 +78,7 @@ class _Reader:
             self._refuse(entry.node.place, f"'pcs' must be 1, not {_shown(entry.node)}", "write pcs: 1")
 
     def _fields(self, node: MapNode, subject: str, known: tuple[str, ...]) -> dict[str, Entry]:
-        """Fields of a map that exist and are not left empty; each unknown one is refused."""
+        """Give the fields of a map that are known and not empty; each unknown field is reported."""
         for name in node.entries.keys() - set(known):
             hint = self._findings.suggestion(name, known) or f"it may have {listed(known)}"
             self._refuse(node.entries[name].place, f"{subject} has no field {shown(name)}", hint)

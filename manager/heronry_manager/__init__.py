@@ -1,1 +1,1 @@
-"""Decides: the planner and the system manager."""
+"""The planner, which finds configurations, and the system manager, which deploys them."""

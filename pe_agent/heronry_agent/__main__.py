@@ -1,4 +1,7 @@
-"""`python -m heronry_agent` is `pe-agent`: interruptions are handled before anything slow is imported."""
+"""`python -m heronry_agent` is the program `pe-agent`.
+
+Interruptions are handled before anything is imported that takes long.
+"""
 
 import sys
 

@@ -44,9 +44,8 @@ class Device(Protocol):
     def command(self, value: Value, now_ns: int) -> Value | None:
         """Command an actuator.
 
-        Gives the value to which it really moved, for the output echo, or None if it did not move.
-
-        Raises TypeError, with one sentence, for a value that the actuator cannot take.
+        Gives the value to which the actuator really moved, for the output echo, or None if it did not move. Raises
+        TypeError, with one sentence, for a value that the actuator cannot take.
         """
 
     def make_safe(self, now_ns: int) -> None:

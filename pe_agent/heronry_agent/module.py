@@ -115,13 +115,13 @@ class Context(Protocol):
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535.
 
-        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager assesses it by its own evidence.
+        A report of `pe:NAME` or `bus:NAME` is a suspicion: the manager compares it with its own evidence.
         """
 
     def report_disagreement(self, detail: int = 0) -> None:
-        """Tell the manager that two inputs differ, and that neither is known to be wrong; detail is 0..65535.
+        """Report to the manager that two inputs differ, and that neither is known to be wrong; detail is 0..65535.
 
-        No plan changes. Tell it for as long as it lasts; it goes out once a second at most.
+        No plan changes. Call this for as long as the inputs differ; the report is sent once a second at most.
         """
 
     def request_phase(self, phase: str) -> None:
@@ -131,7 +131,7 @@ class Context(Protocol):
         """Request another priority of a function from the manager; None: that of the spec.
 
         The manager refuses a priority outside the function's `priority_range`, and a change while the operator's
-        priority stands. It makes at most one change a second; until then, the last request of several waits. The same
+        priority stands. It makes at most one change a second; if several requests wait, the last one counts. The same
         request in the next step has no effect. The priority stays when the module stops.
         """
 
@@ -143,15 +143,15 @@ class Module:
         self.ctx = ctx
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compute one period; gives values by variable, of those in the mode's `gives`.
+        """Compute one period; gives values by variable, for variables of the mode's `gives`.
 
-        One left out is not published.
+        A variable that is left out is not published.
         """
         raise NotImplementedError
 
     def mode_changed(self) -> bool:
-        """Take over a new `ctx.mode` and `ctx.period_ns`.
+        """Take over a new `ctx.mode` and `ctx.period_ns`, which the agent has just set.
 
-        True: go on with the present state, False: build the module anew.
+        Returns True to go on with the present state, False to have the module built anew.
         """
         return False

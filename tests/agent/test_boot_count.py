@@ -131,7 +131,7 @@ def test_something_else_in_its_place_neither_hangs_nor_ends_the_agent(starts: St
         starts.file.parent.write_text("")
     else:
         starts.file.parent.mkdir()
-        place = starts.file.with_suffix(".new") if "draft" in made else starts.file
+        place = starts.file.with_name(f"{starts.file.name}.new") if "draft" in made else starts.file
         place.mkdir() if made == "folder" else os.mkfifo(place)
     process = starts.start()
     first = process.next()

@@ -100,7 +100,7 @@ def test_a_table_that_cannot_be_used(
 def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str, tmp_path: Path) -> None:
     code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
     assert code == 2
-    assert "no hub answers there" in line
+    assert "no bus answers there" in line
 
 
 def test_the_small_install_is_enough() -> None:

@@ -25,6 +25,8 @@ from heronry_agent.core.vocabulary import (
     Drive,
     EndPartition,
     MeasureStep,
+    Note,
+    PartitionEnded,
     StepFailed,
     StepMeasured,
     StepModule,
@@ -125,6 +127,14 @@ def test_a_new_active_manager_gets_the_report_of_a_stopped_module_and_a_cleared_
     assert CONTROL not in pe.running
     assert pe.codes(pe.command(Lease(3, 7, Step.GO_ALL, 1007))) == []
     assert CONTROL in pe.running
+
+
+def test_a_partition_that_ended_is_told_with_the_modules_that_ended_with_it() -> None:
+    pe = flying(restarts=0)
+    told = [
+        action.text for action in pe.give(PartitionEnded("flight", "exit code 1", CONTROL)) if isinstance(action, Note)
+    ]
+    assert told == ["module control is stopped: partition flight, with control, servo_1, monitor, ended: exit code 1"]
 
 
 def test_a_module_that_was_cleared_and_waits_for_go_begins_with_it() -> None:

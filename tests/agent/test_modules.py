@@ -1,6 +1,7 @@
 """Modules at work: when they run, their inputs and outputs, and what happens when they fail."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -19,12 +20,14 @@ from agent.one_pe import (
     RUN_MONITOR,
     RUN_SERVO_1,
     SERVO_1,
+    TABLE,
     OnePe,
     neighbour_state,
     rate_frame,
     sent,
 )
-from heronry_agent.core.vocabulary import StepModule, Stepped
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_outputs
+from heronry_agent.core.vocabulary import Note, StepModule, Stepped
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import emcy_id
@@ -35,6 +38,7 @@ from heronry_wire.management import (
 )
 from heronry_wire.sansio import Received, Tick
 
+CONTROLLING = Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR})
 WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}, publish={ALARM: 1})
 
 
@@ -110,6 +114,42 @@ def test_a_value_that_its_type_cannot_carry_is_a_fault_of_the_module(value: Valu
     (told,) = emergencies(pe.pass_time(0))
     assert (told.code, told.index) == (FaultCode.MODULE_EXCEPTION, MONITOR)
     assert MONITOR not in pe.running
+
+
+def test_an_output_that_no_mode_has_is_a_failure_that_says_what_was_meant() -> None:
+    pe = OnePe()
+    pe.outputs[CONTROL] = {"demnad": 0.1}
+    pe.configure(CONTROLLING, 7)
+    (told,) = emergencies(pe.pass_time(0))
+    assert (told.code, told.index) == (FaultCode.UNKNOWN_OUTPUT, CONTROL)
+    assert CONTROL not in pe.running
+    (text,) = (a.text for _, a in pe.done if isinstance(a, Note) and "control" in a.text)
+    assert text.endswith("its step gives 'demnad'; did you mean 'demand'? (the spec lets it give demand)")
+
+
+def test_an_output_that_only_another_mode_has_is_left_out() -> None:
+    control, *others = TABLE.modules
+    changed = replace(control, modes=(replace(control.modes[0], gives={}), control.modes[1]))
+    pe = OnePe(replace(TABLE, modules=(changed, *others)))
+    pe.outputs[CONTROL] = {"demand": 0.1}
+    pe.configure(CONTROLLING, 7)
+    actions = pe.pass_time(0)
+    assert (emergencies(actions), sent(actions, DEMAND_ID)) == ([], [])
+    assert CONTROL in pe.running
+
+
+def test_code_may_give_more_than_the_spec_takes() -> None:
+    pe = OnePe()
+    pe.outputs[CONTROL] = {"demand": 0.1, "trend": 0.2}
+    pe.configure(CONTROLLING, 7)
+    assert emergencies(pe.pass_time(0)) == []
+    assert CONTROL in pe.running
+    expect_outputs(TABLE.modules[1], (), ("angle",))
+
+
+def test_what_is_like_no_output_is_told_without_a_guess() -> None:
+    with pytest.raises(UnknownOutputError, match=r"gives 'xyz' \(the spec lets it give demand\)"):
+        expect_outputs(TABLE.modules[0], ("demand",), ("xyz",))
 
 
 def test_an_old_datum_taken_after_a_pause_is_as_old_as_it_is() -> None:

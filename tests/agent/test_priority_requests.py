@@ -102,3 +102,13 @@ def test_a_module_that_stops_withdraws_its_requests_alone() -> None:
     pe.configure(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}), 8)
     assert set(requests(pe.pass_time(3 * BEAT_NS))) == {(NOISE, 1, 90)}
     assert requests(pe.command(Control(2, NODE, Operation.RENEW))) == []
+
+
+def test_what_the_manager_tells_of_priorities_withdraws_no_request() -> None:
+    """CLEAR of a priority has a function where CLEAR of a module has a PE, here both with one number."""
+    pe = Asking()
+    for number in range(1, 257):
+        pe.ask(CONTROL, ("light", number))
+    for told in (LIGHT, NODE):
+        pe.command(Control(1, 0, Operation.CLEAR, ElementKind.PRIORITY | told << 8, 0))
+    assert set(requests(pe.pass_time(3 * BEAT_NS))) == {(LIGHT, 0, 256)}

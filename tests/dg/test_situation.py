@@ -6,7 +6,7 @@ import pytest
 
 from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
-from heronry_dg.situation import Situation, Survivors, UnknownElementError, elements, situation, survivors
+from heronry_dg.situation import Situation, Survivors, UnknownElementError, elements, places, situation, survivors
 
 # A chain: nose, bus `can0`, mid, bus `can1` (doubled), tail, wireless bus `radio`, ground.
 FLEET = loads(
@@ -120,7 +120,8 @@ def test_everything_that_can_be_down_is_a_known_element() -> None:
 @pytest.mark.parametrize(
     ("down", "limits", "phase", "sentence"),
     [
-        (["nose"], [], None, "'nose' is not an element; write KIND:NAME with KIND one of pe, device"),
+        (["nose"], [], None, "'nose' is not an element; did you mean 'pe:nose'?"),
+        (["tail rotor"], [], None, "'tail rotor' is not an element; write KIND:NAME with KIND one of pe, device"),
         (["pe:nosee"], [], None, "no pe is named 'nosee'; did you mean 'nose'?"),
         (["engine:left"], [], None, "'engine:left' is not an element"),
         (["channel:can0.1"], [], None, "no channel is named 'can0.1'; did you mean"),
@@ -140,3 +141,34 @@ def test_what_the_spec_does_not_have_is_refused(
     with pytest.raises(UnknownElementError) as refused:
         situation(FLEET, down, limits, phase)
     assert str(refused.value).startswith(sentence)
+
+
+def test_a_module_can_be_down_on_one_of_its_pes() -> None:
+    assert places(FLEET, "filter") == ("module:filter@mid", "module:filter@ground")
+    assert places(FLEET, "receiver") == ()
+    assert left("module:filter@mid").hosts(FLEET.modules["filter"]) == ("ground",)
+    assert left("module:filter@mid", "module:filter@ground").hosts(FLEET.modules["filter"]) == ()
+    assert left("module:filter@mid", "pe:ground").hosts(FLEET.modules["filter"]) == ()
+    assert left("module:filter@mid").hosts(FLEET.modules["receiver"]) == ("nose",)
+
+
+@pytest.mark.parametrize(
+    ("element", "sentence"),
+    [
+        ("module:filtre@mid", "no module is named 'filtre'; did you mean 'filter'?"),
+        ("module:filter@midd", "no pe is named 'midd'; did you mean 'mid'?"),
+        (
+            "module:filter@tail",
+            "module 'filter' has no place on 'tail'; write one of module:filter@mid, module:filter@ground",
+        ),
+        (
+            "module:receiver@nose",
+            "module 'receiver' has no place on 'nose'; write module:receiver: it has no choice of PEs",
+        ),
+        ("device:gps@nose", "no device is named 'gps@nose'; there is gps"),
+    ],
+)
+def test_a_place_that_does_not_exist_is_refused(element: str, sentence: str) -> None:
+    with pytest.raises(UnknownElementError) as caught:
+        situation(FLEET, [element])
+    assert str(caught.value) == sentence

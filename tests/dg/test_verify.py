@@ -8,13 +8,14 @@ import random
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from heronry_dg.configuration import Configuration, Running, Wire
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, situation
 from heronry_dg.verify import verify
@@ -182,6 +183,7 @@ def test_one_fault_in_a_plan_is_one_violation(rule: str, modules: Modules) -> No
         ("1.pe_down", "pe:nose", FLYING),
         ("1.device_down", "device:gps", FLYING),
         ("1.failed", "module:receiver", FLYING),
+        ("1.failed_there", "module:wind_filter@tail", FLYING),
     ],
 )
 def test_what_is_down_must_not_be_used(rule: str, down: str, modules: Modules) -> None:
@@ -308,7 +310,7 @@ def test_the_order_of_a_plan_does_not_matter() -> None:
 def test_a_violation_as_a_person_reads_it() -> None:
     spec = glider()
     (violation,) = verify(spec, situation(spec, ["module:receiver"]), Configuration(FLYING))
-    assert str(violation) == "rule 1.failed, module receiver: it has failed and must not run"
+    assert str(violation) == "rule 1.failed, module receiver: the module has failed and must not run"
 
 
 places, modes, leaves = ("ghost", "nose", "mid", "tail"), ("only", "full", "simple"), ("", "0", "1.0")
@@ -332,3 +334,23 @@ def test_the_order_of_a_random_plan_does_not_matter(rng: random.Random) -> None:
     spec, now = glider(), situation(glider(), ["bus:can1"])
     shuffled = Configuration({name: modules[name] for name in names})
     assert verify(spec, now, shuffled) == verify(spec, now, Configuration(modules))
+
+
+def test_two_ends_of_a_demux_do_not_run_at_once() -> None:
+    spec = load(Path("dg_specs/examples/demux_paths.dg.yaml"))
+    contrast, angle = Wire("horizon_driver", "horizon_contrast", 1), Wire("horizon_attitude", "pitch_angle", 1)
+    demand, limited = Wire("elevator_control", "elevator_demand", 1), Wire("elevator_limiter_1", "servo_demand_1", 1)
+    path = {
+        "horizon_driver": Running("flight", "only"),
+        "horizon_attitude": Running("flight", "only", {"": contrast}),
+        "elevator_control": Running("flight", "only", {"": angle}),
+        "elevator_limiter_1": Running("flight", "only", {"": demand}),
+        "limited_servo_1": Running("tail_a", "only", {"": limited}),
+    }
+    assert verify(spec, situation(spec), Configuration(path)) == []
+    stray = {**path, "limited_servo_3": Running("tail_c", "only")}
+    violations = verify(spec, situation(spec), Configuration(stray))
+    assert [violation.rule for violation in violations] == ["3.leaf", "4.ends"]
+    assert violations[1].sentence == "limited_servo_1 and limited_servo_3 run, and only one end may"
+    idle = {name: running for name, running in path.items() if name != "limited_servo_1"}
+    assert {v.rule for v in verify(spec, situation(spec), Configuration(idle))} == {"5.idle"}

@@ -122,3 +122,17 @@ def test_what_is_not_wanted() -> None:
     assert odd("view", phase="night") == "it is not wanted in phase night"
     spec = loads(ODD.replace("phases: {day: {}, night: {}}", "").replace(", night: 0", ""), "odd.dg.yaml")
     assert reason("none", spec=spec) == "its priority is 0"
+
+
+def test_a_module_may_be_out_on_each_pe_for_another_reason() -> None:
+    places = ("module:elevator_control@sensor_pe", "module:elevator_control@control_pe")
+    assert reason("servo_monitoring", *places, "pe:tail_pe").startswith("servo_monitor needs elevator_angle")
+    down = (*places, "module:elevator_control@tail_pe")
+    assert reason("elevator", *down) == (
+        "each of servo_driver_1 and servo_driver_2 needs elevator_demand from elevator_control, which cannot run "
+        "anywhere: sensor_pe is out for it, control_pe is out for it, tail_pe is out for it"
+    )
+    one_is_down = reason(
+        "elevator", "module:elevator_control@control_pe", "module:elevator_control@tail_pe", "pe:sensor_pe"
+    )
+    assert one_is_down.endswith("sensor_pe is down, control_pe is out for it, tail_pe is out for it")

@@ -51,7 +51,8 @@ def clock_of_the_day_being_set() -> Iterator[list[float]]:
         time.clock_settime(time.CLOCK_REALTIME, time.time() - sum(made))
 
 
-@pytest.mark.parametrize("interface", ["softbus", pytest.param("socketcan", marks=pytest.mark.soak)])
+@pytest.mark.soak  # tests/lab/tests/test_clock_of_the_day.py verifies in every run that nothing that flies reads it
+@pytest.mark.parametrize("interface", ["softbus", "socketcan"])
 def test_processes_fly_on_while_the_clock_of_the_day_is_set(interface: str, tmp_path: Path) -> None:
     spec = slow_spec("elevator_and_chute", tmp_path, heartbeat_ms=500, rates_divided_by=4)
     command = [sys.executable, "-m", "heronry_tools", "demo", str(spec), "--kill", "pe:control_pe@4", "--json"]

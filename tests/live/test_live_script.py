@@ -9,6 +9,7 @@ import pytest
 from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
+from heronry_dg.plan import read_plan
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import hosts_when_all_is_up, situation
 from heronry_dg.verify import verify
@@ -32,12 +33,13 @@ def spec_file(tmp_path: Path) -> Path:
     return file
 
 
-def moved(spec: Spec, before: Configuration) -> tuple[str, Configuration]:
+def moved(spec: Spec, before: Configuration, phase: str | None = None) -> tuple[str, Configuration]:
     """The first module that may run elsewhere while all else stays, and the configuration with it there."""
+    now = situation(spec, phase=phase)
     for name, one in before.modules.items():
         for pe in hosts_when_all_is_up(spec, spec.modules[name]):
             after = Configuration({**before.modules, name: replace(one, pe=pe)})
-            if pe != one.pe and not verify(spec, situation(spec), after):
+            if pe != one.pe and not verify(spec, now, after):
                 return name, after
     raise AssertionError("no module may run elsewhere")
 
@@ -79,5 +81,28 @@ def test_a_script_moves_a_running_system_and_back_and_a_bad_one_changes_nothing(
         assert "the operator released it" in demo.until("script_ended", reason="the operator released it")["reason"]
         again = demo.say("pcs", "release")
         assert (again.returncode, again.stderr) == (1, "heronry: no script is held: see 'heronry status'\n")
+    finally:
+        demo.end()
+
+
+@pytest.mark.soak
+def test_big_blue_is_moved_and_back_and_then_loses_a_computer(tmp_path: Path) -> None:
+    file = shipped_spec_path("big_blue")
+    spec = load(file)
+    demo = Demo(file, kill="pe:flight@25")
+    try:
+        planned = demo.until("plan_ready")["plan"]
+        demo.until("reconfigured")
+        before = read_plan(json.dumps(planned), spec).configuration
+        name, after = moved(spec, before, planned["phase"])
+        graphs = module_graph(spec, before), module_graph(spec, after)
+        for script, pair in (("there", graphs), ("back", graphs[::-1])):
+            file_of = tmp_path / f"{script}.pcs.script"
+            file_of.write_text(difference(*pair))
+            flown = demo.fly(file_of, file)
+            assert flown.returncode == 0, flown.stderr
+            assert demo.until("reconfigured")["moved"] == [name]
+        assert demo.until("pe_lost")["pe"] == "flight"
+        assert "pe:flight: silent" in demo.until("reconfigured")["causes"][0]
     finally:
         demo.end()

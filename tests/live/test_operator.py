@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from heronry_dg.shipped import shipped_spec_path
 
 pytestmark = pytest.mark.live
 HERONRY = [sys.executable, "-m", "heronry_tools"]
+PATIENCE_S = 120.0
 PHASES = "phases: {climb: {}, land: {}}\n"
 
 
@@ -42,11 +44,13 @@ def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
 
 
 class Demo:
-    """A demo that runs until it is told to end, and its manager's socket."""
+    """A demo that runs until it is told to end, and its manager's socket; it is killed if that takes too long."""
 
-    def __init__(self, spec: Path) -> None:
-        command = [*HERONRY, "demo", str(spec), "--kill", "pe:sensor_pe@600", "--json"]
+    def __init__(self, spec: Path, kill: str = "pe:sensor_pe@600") -> None:
+        command = [*HERONRY, "demo", str(spec), "--kill", kill, "--json"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self._latest = Timer(PATIENCE_S, self.process.kill)
+        self._latest.start()
         self.flags = self.until("orders")["flags"].split()
 
     def until(self, kind: str, **fields: Any) -> dict[str, Any]:
@@ -56,7 +60,7 @@ class Demo:
             told: dict[str, Any] = json.loads(line)
             if told["event"] == kind and fields.items() <= told.items():
                 return told
-        raise AssertionError(kind)
+        raise AssertionError(f"it ended, or was killed after {PATIENCE_S} s, before it told {kind} with {fields}")
 
     def say(self, *order: str) -> subprocess.CompletedProcess[str]:
         return heronry(order[0], *order[1:], *self.flags)
@@ -69,6 +73,7 @@ class Demo:
         return found
 
     def end(self) -> None:
+        self._latest.cancel()
         self.process.terminate()
         self.process.wait(30)
         assert self.process.stdout is not None

@@ -14,13 +14,18 @@ import socket
 import subprocess
 import sys
 import termios
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from thoroughness import mostly_soak
+
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = [sys.executable, str(ROOT / "tools" / "with-vcan")]
 HOST_HAS_VCAN = Path("/sys/class/net/vcan0").exists()
+PATIENCE_S = 60.0
 CAN_BE_HAD = HOST_HAS_VCAN or shutil.which("apt-get") is not None
 # candump does not say when it has begun to listen
 UNTIL_CANDUMP_SAW = "candump -n 1 -L any & while kill -0 $! 2>/dev/null; do {}; done; wait"
@@ -57,9 +62,17 @@ def processes_that_mention(text: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("script", "exit_code"), [("exit 0", 0), ("exit 7", 7), ("kill -TERM $$", 128 + signal.SIGTERM)]
-)
+def processes_in(folder: Path) -> list[str]:
+    """Processes that work in a folder, as all of a guest's do, whatever they call themselves."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if (process / "cwd").readlink() == folder:
+                found.append(process.name)
+    return found
+
+
+@pytest.mark.parametrize(("script", "exit_code"), [("exit 7", 7), ("kill -TERM $$", 128 + signal.SIGTERM)])
 def test_the_exit_code_is_the_commands(script: str, exit_code: int) -> None:
     assert with_vcan("sh", "-c", script).returncode == exit_code
 
@@ -147,7 +160,7 @@ def test_arguments_environment_and_folder_arrive_unchanged(tmp_path: Path) -> No
 
 
 def test_files_written_inside_are_the_callers_own(tmp_path: Path) -> None:
-    with_vcan("sh", "-c", "umask 027; echo content > note", cwd=tmp_path)
+    assert with_vcan("sh", "-c", "umask 027; echo content > note", cwd=tmp_path).returncode == 0
     note = tmp_path / "note"
     assert note.read_text() == "content\n"
     assert note.stat().st_uid == os.getuid()
@@ -186,7 +199,7 @@ def test_a_command_that_takes_too_long_is_ended() -> None:
     assert done.stderr.endswith(b"with-vcan: sleep was ended after 3 s (--timeout)\n")
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("stop", mostly_soak([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], [signal.SIGTERM]))
 def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
     interfaces = interface_names()
     process = subprocess.Popen(
@@ -202,6 +215,25 @@ def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_p
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(str(tmp_path)) == []
     assert interface_names() == interfaces
+
+
+@user_mode_only
+def test_killed_it_leaves_no_process(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*WITH_VCAN, "sh", "-c", "sleep 1000 & echo running; wait"],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        assert process.stdout.readline() == b"running\n"
+        process.kill()
+        process.wait(60)
+    (folder,) = tmp_path.iterdir()
+    until_s = time.monotonic() + PATIENCE_S
+    while left := processes_in(folder):
+        assert time.monotonic() < until_s, left
+        time.sleep(0.02)
 
 
 @pytest.mark.parametrize(

@@ -10,18 +10,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
 from heronry_manager.core.vocabulary import (
     AskStatus,
+    AskTraceback,
     ClearElement,
     EnterPhase,
     FailElement,
     OperatorSaid,
     ReleaseTarget,
     Reply,
+    SetPriority,
     UnlockPe,
 )
 from heronry_manager.shell import control_client
@@ -41,13 +43,20 @@ from heronry_manager.shell.script_orders import ScriptSaid
 
 ORDERS: list[Spoken] = [
     AskStatus(),
+    AskTraceback("module:autopilot"),
     EnterPhase("glide"),
+    SetPriority("imaging", 90),
+    SetPriority("imaging", None),
     FailElement("pe:nav"),
     ClearElement("device:gps"),
     UnlockPe("pe:nav"),
     FlyScript("G.PruneEdges ();\n"),
     ReleaseTarget(),
 ]
+
+
+def test_every_order_is_tried_here() -> None:
+    assert {type(order) for order in ORDERS} == set(get_args(Spoken))
 
 
 @pytest.fixture

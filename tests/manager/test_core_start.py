@@ -19,13 +19,16 @@ def lease(term: int, node: int) -> Frame:
     return command_frame(Lease(term, 0, Step.PREPARED, 0), node)
 
 
-def test_an_alive_that_has_left_has_no_effect_whatever_its_term() -> None:
+def test_the_lease_of_a_lost_pe_runs_out_from_an_alive_of_this_term_on_and_from_no_other_frame() -> None:
     manager = OneManager()
     manager.core = ManagerCore(manager.spec, manager.node, manager.memory, manager.now_ns, tells_departures=True)
-    manager.pass_time(101 * MS)
+    manager.start(fly=False)
+    manager.die("left")
+    manager.pass_time(100 * MS)
     left = Alive(manager.core.term, 0, frozenset()).encode()
-    for data in (b"", Alive(99, 0, frozenset()).encode(), left, left):
+    for data, waits in ((b"", True), (Alive(99, 0, frozenset()).encode(), True), (left, False), (left, False)):
         assert manager.give(AliveLeft(Frame(manager.core.alive_id, data))) == []
+        assert manager.core._known.exclusion.waits is waits, data
 
 
 def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_gets_no_ping() -> None:

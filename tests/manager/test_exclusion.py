@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.configuration import Configuration, Running
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_manager.core.exclusion import Exclusion
 
@@ -182,3 +182,25 @@ def test_identifiers_of_a_pe_declared_down_early_wait_for_three_periods_and_a_qu
     found.slept(30 * MS)
     assert found.identifiers_free_ns(placed, left, 100 * MS) == 115 * MS
     assert found.identifiers_free_ns(placed, left, 115 * MS) is None
+
+
+def test_the_ends_of_a_demux_are_one_thing_and_its_branches_another() -> None:
+    exclusion = Exclusion(load(Path("dg_specs/examples/demux_paths.dg.yaml")))
+    pes = ["flight", "tail_a", "tail_b", "tail_c"]
+
+    def path(number: int, end_on: str) -> Configuration:
+        limiter = Running("flight", "only")
+        return Configuration(
+            {f"elevator_limiter_{number}": limiter, f"limited_servo_{number}": Running(end_on, "only")}
+        )
+
+    first, second = exclusion.tokens(path(1, "tail_a")), exclusion.tokens(path(2, "tail_b"))
+    exclusion.activated(first)
+    for pe in pes:
+        exclusion.reported(pe, first)
+    exclusion.named(pes, 0)
+    assert exclusion.must_break(second, pes) == {"tail_a"}, "the limiters share a PE"
+    assert exclusion.demux_free_ns(second, ["flight", "tail_b", "tail_c"], 0) == T_LEASE
+    assert exclusion.demux_free_ns(second, ["tail_a", "tail_b", "tail_c"], 0) is None
+    exclusion.reported("tail_a", second)
+    assert exclusion.must_break(second, pes) == set()

@@ -15,7 +15,7 @@ from threading import Event
 from time import sleep
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
@@ -27,6 +27,10 @@ from heronry_manager.core.memory import (
     Latched,
     Memory,
     PhaseEntered,
+    PhaseRequest,
+    PriorityChanged,
+    PriorityRequest,
+    PriorityRestored,
     Quarantined,
     Record,
     Released,
@@ -76,6 +80,10 @@ records = st.lists(
         _names.map(Cleared),
         st.builds(Quarantined, _names, _small),
         _names.map(Released),
+        st.builds(PhaseRequest, _names, _small, _small),
+        st.builds(PriorityChanged, _names, _small, st.booleans()),
+        _names.map(PriorityRestored),
+        st.builds(PriorityRequest, _names, _small, _names, _small),
     ),
     max_size=12,
 )
@@ -89,6 +97,8 @@ def facts(memory: Memory) -> Memory:
 
 
 @given(records)
+@example([PhaseRequest("left", 1, 2), PriorityChanged("f", 9, by_operator=True), PriorityRequest("left", 1, "f", 2)])
+@example([PriorityChanged("f", 9, by_operator=False), PriorityRestored("f"), *STORY])
 def test_a_journal_gives_back_what_was_put_into_it(story: list[Record]) -> None:
     memory = NOTHING
     for record in story:

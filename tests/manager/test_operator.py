@@ -70,7 +70,7 @@ def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_
 ) -> None:
     module = list(manager.spec.modules).index("control")
     if stopped:
-        manager.report("middle", Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, module, 0))
+        manager.report("left", Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, module, 0))
     else:
         say(manager, FailElement("module:control"))
     assert say(manager, ClearElement("module:control")).done

@@ -187,10 +187,14 @@ def test_a_pe_that_another_sdo_client_asks_is_read_after_that(manager: Reading) 
 def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
     element = AskTraceback("module:control")
     assert manager.ask(element).sentence == (
-        "no failure of module:control is known to this manager: see 'heronry status'"
+        "no failure of module:control is known to this manager: no module has failed"
     )
     manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    assert "left does not give the traceback" in manager.ask(AskTraceback("module:control@left")).sentence
+    assert manager.ask(AskTraceback("module:drive_left")).sentence == (
+        "no failure of module:drive_left is known to this manager: it knows one of module:control"
+    )
     unknown = manager.ask(element)
     assert (unknown.done, unknown.sentence) == (
         False,

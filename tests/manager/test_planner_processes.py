@@ -39,7 +39,7 @@ class Flown:
     def settle(self, now: Situation, running: Placement) -> None:
         """Let this run until every question ahead is planned."""
         assert self.processes.take(Settled(now, running)) == []
-        while self.policy.is_pre_planning:
+        while self.processes.next_deadline_ns() is not None:
             assert self.wait() == []
 
     def wait(self) -> list[PlanReady | PlanFailed]:
@@ -69,10 +69,18 @@ class Flown:
         return answer
 
 
-@pytest.fixture
-def flown() -> Iterator[Flown]:
+@pytest.fixture(scope="module")
+def planners() -> Iterator[tuple[PlannerClient, PlannerClient]]:
+    """A planner and a pre-planner, which no test has stopped; each test leaves them without a request."""
     with PlannerClient(SPEC, FILE) as planner, PlannerClient(SPEC, FILE, niceness=10) as pre_planner:
-        yield Flown(SPEC, planner, pre_planner)
+        yield planner, pre_planner
+
+
+@pytest.fixture
+def flown(planners: tuple[PlannerClient, PlannerClient]) -> Iterator[Flown]:
+    flown = Flown(SPEC, *planners)
+    yield flown
+    assert flown.processes.next_deadline_ns() is None
 
 
 def test_what_was_not_pre_planned_gets_an_immediate_plan_and_the_best_one_in_the_background(flown: Flown) -> None:
@@ -177,7 +185,7 @@ def test_a_pre_planner_that_hangs_is_replaced_and_goes_on_with_the_next_question
         monkeypatch.setattr(planner_processes, "AHEAD_NS", 1_000_000)
         assert flown.processes.take(Settled(Situation(), RUNNING)) == []
         monkeypatch.undo()
-        while flown.policy.is_pre_planning:
+        while flown.processes.next_deadline_ns() is not None:
             sleep(0.01)
             assert flown.processes.poll() == []
         assert pre_planner.process_id != stopped

@@ -56,7 +56,6 @@ class Ahead:
             assert isinstance(instruction, PrePlan)
             self.plan_request.append(instruction.question)
             instructions = self.policy.step(PrePlannerAnswered(instruction.number, plan))
-        assert not self.policy.is_pre_planning
         return self.plan_request
 
     def knows(self, now: Situation, running: Placement = RUNNING) -> bool:
@@ -264,7 +263,6 @@ class TestPrePlanning:
         (first,) = policy.step(Settled(WELL, RUNNING))
         assert isinstance(first, PrePlan)
         assert policy.step(Settled(WELL, RUNNING)) == []
-        assert policy.is_pre_planning
         plan_request = [first]
         while found := policy.step(PrePlannerAnswered(plan_request[-1].number, BEST)):
             plan_request += [one for one in found if isinstance(one, PrePlan)]

@@ -125,6 +125,13 @@ def test_gone_and_back_and_a_pe_that_returns_finds_the_step_of_the_moment(link: 
     assert link.changes[-1] == ("limited", 160)
 
 
+def test_a_radio_that_is_back_with_all_of_its_bandwidth_is_not_limited(link: Link) -> None:
+    link.report(0, LinkState.GONE)
+    link.any_pe_beyond = False
+    link.repeat(1000, 2)
+    assert link.changes == [("gone", 0), ("back", 1000)]
+
+
 def test_a_dip_begins_the_hold_down_anew(link: Link) -> None:
     link.repeat(300, 2)
     for _ in range(5):

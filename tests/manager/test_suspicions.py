@@ -69,8 +69,9 @@ def test_a_pe_that_is_silent_is_lost_like_any_other() -> None:
 
 def test_the_managers_own_bus_stays_since_it_has_carried_the_report() -> None:
     manager = flying()
-    for by in manager.spec.pes:
+    for by in (*manager.spec.pes, "left"):
         assert suspect(manager, by, ElementKind.BUS, 0)
+    assert len(manager.of("suspicion")) == len(manager.spec.pes), "a repetition is not told again"
     assert set(concluded(manager)) == {("bus:can0", "it stays")}
     assert {told["evidence"] for told in manager.of("suspicion")} == {"it has carried the report"}
 

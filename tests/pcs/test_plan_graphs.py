@@ -258,6 +258,15 @@ def test_an_edge_that_is_no_wire_is_told(edge: str) -> None:
     assert len(tried(f"G.CreateEdge ( {edge} );").no_wires) == 1
 
 
+def test_edges_of_a_deleted_module_are_told_until_they_are_pruned() -> None:
+    outcome = tried("define gauge_driver;\nG.DeleteComponent ( gauge_driver );")
+    assert "gauge_driver" not in outcome.configuration.modules
+    assert outcome.no_wires
+    assert all(start.startswith("gauge_driver.") for start, _ in outcome.no_wires)
+    pruned = tried("define gauge_driver;\nG.DeleteComponent ( gauge_driver );\nG.PruneEdges ();")
+    assert pruned.no_wires == ()
+
+
 def test_devices_and_plants_are_not_told() -> None:
     assert [error.code for error in tried('G.DeleteComponent ( "device:gauge" );').errors] == ["PCS201"]
 

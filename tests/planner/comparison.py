@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path, leaves
-from heronry_dg.model import Bus, Manager, Pe
+from heronry_dg.model import Bus, Demux, Manager, Pe
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops
@@ -40,6 +40,12 @@ MUST_APPEAR = (
     "gate below gate",
     "first branch",
     "second branch",
+    "first end",
+    "other end",
+    "path of one",
+    "path of two",
+    "path of three",
+    "branch without its end",
     "gateway crossed",
     "feedback",
     "changes",
@@ -47,6 +53,7 @@ MUST_APPEAR = (
     "phase",
     "limit",
     "fault",
+    "failed place",
     "priority changed",
     "priority changed to 0",
     "closed input",
@@ -125,6 +132,7 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         for word, branch in zip(("first branch", "second branch"), demux.branches, strict=False):
             if branch in configuration.modules:
                 yield word
+        yield from _paths(demux, configuration.modules)
     feeds = {(consumer, wire.producer) for consumer, _, wire in configuration.wires()}
     yield from ("feedback" for a, b in feeds if (b, a) in feeds)
     yield from ("gateway crossed" for hop in hops(survivors(case.spec, case.now), configuration) if hop.after)
@@ -136,6 +144,7 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "phase": case.now.phase != case.spec.initial_phase(),
         "limit": bool(case.now.limits),
         "fault": bool(case.now.down),
+        "failed place": any("@" in element for element in case.now.down),
         "priority changed": any(case.now.priorities.values()),
         "closed input": any(
             leaf.only_in is not None and case.now.phase not in leaf.only_in
@@ -146,6 +155,16 @@ def _used(case: Case, found: Plan) -> Iterator[str]:
         "something unserved": any(not found.functions[function.name].served for function in wanted),
     }
     yield from (word for word, holds_here in shown.items() if holds_here)
+
+
+def _paths(demux: Demux, runs: Collection[str]) -> Iterator[str]:
+    """What of a DEMUX with `to` is in use."""
+    for index, end in enumerate(demux.to):
+        if end in runs:
+            yield "first end" if index == 0 else "other end"
+            yield "path of one" if end in demux.branches else {"1": "path of two", "2": "path of three"}[end[-1]]
+    if demux.to and not set(demux.to) & set(runs) and set(demux.branches) & set(runs):
+        yield "branch without its end"
 
 
 def _gates(gate: Expression | None, path: str, wired: Collection[str]) -> Iterator[str]:

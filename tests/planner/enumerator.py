@@ -100,7 +100,8 @@ class Enumerator:
         return self.spec.modules.values()
 
     def _may_run(self, module: Module, pe: str) -> bool:
-        if f"module:{module.name}" in self.now.down or f"device:{module.device}" in self.now.down:
+        dead = (f"module:{module.name}", f"module:{module.name}@{pe}", f"device:{module.device}")
+        if any(element in self.now.down for element in dead):
             return False
         if module.device is not None and self.spec.devices[module.device].pe != pe:
             return False
@@ -113,7 +114,12 @@ class Enumerator:
     def outputs(self) -> list[str]:
         """Output modules of the functions that are wanted."""
         wanted = [f for f in self.spec.functions.values() if self._weight(f) > 0]
-        return list(dict.fromkeys(name for function in wanted for name in function.outputs))
+        return list(dict.fromkeys(name for function in wanted for name in self._serving(function)))
+
+    def _serving(self, function: Function) -> tuple[str, ...]:
+        """Modules of which one serves a function: its output, or the ends (else the branches) of its DEMUX."""
+        demux = self.spec.demuxes.get(function.output)
+        return (function.output,) if demux is None else demux.to or demux.branches
 
     def _weight(self, function: Function) -> int:
         """Priority of a function: a changed one replaces only one that is above 0 (section 5)."""
@@ -134,7 +140,8 @@ class Enumerator:
                         yield structure
 
     def _demuxes_allow(self, modes: Mapping[str, Mode]) -> bool:
-        return all(len(modes.keys() & set(demux.branches)) <= 1 for demux in self.spec.demuxes.values())
+        groups = [group for demux in self.spec.demuxes.values() for group in (demux.branches, demux.to)]
+        return all(len(modes.keys() & set(group)) <= 1 for group in groups)
 
     def _wired(self, modes: dict[str, Mode], inputs: dict[str, Inputs]) -> Iterator[Structure]:
         unwired = next((name for name in modes if name not in inputs), None)
@@ -190,7 +197,7 @@ class Enumerator:
         """Levels 1 to 3."""
         totals, utility = Counter[str](), 0
         for function in self.spec.functions.values():
-            for name in function.outputs:
+            for name in self._serving(function):
                 if name in structure.modes:
                     modes = list(self.spec.modules[name].modes)
                     index, count = modes.index(structure.modes[name].name), len(modes)
@@ -347,7 +354,7 @@ class Enumerator:
             "ABCDE".index(function.criticality.get(phase, function.criticality[None]))
             for phase in self.spec.phases or [None]
             for function in self.spec.functions.values()
-            if reached & set(function.outputs) and function.priority.get(phase, function.priority[None]) > 0
+            if reached & set(self._serving(function)) and function.priority.get(phase, function.priority[None]) > 0
         ]
         return min(classes, default=4)
 
@@ -362,8 +369,8 @@ class Enumerator:
         positions = [
             index
             for demux in self.spec.demuxes.values()
-            for index, branch in enumerate(demux.branches)
-            if branch in structure.modes
+            for index, end in enumerate(demux.to or demux.branches)
+            if end in structure.modes
         ]
         millibits = sum(self._loads(structure, self.published(structure, places)).values())
         cpu = sum(mode.cpu_millis for mode in structure.modes.values())

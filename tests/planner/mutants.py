@@ -106,8 +106,9 @@ def start_the_other_branch(drawn: Drawn) -> Modules | None:
     branches = [
         (running, other)
         for demux in drawn.case.spec.demuxes.values()
-        for running in demux.branches
-        for other in demux.branches
+        for group in (demux.branches, demux.to)
+        for running in group
+        for other in group
         if running in drawn.modules and other not in drawn.modules
     ]
     return _started(drawn, drawn.rng.choice(branches)[1]) if branches else None

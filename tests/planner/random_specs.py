@@ -72,7 +72,7 @@ def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
     drawn_modules = {module.name: module for module in drawn}
     phases = {f"f{i}": Phase(f"f{i}") for i in range(rng.choice((0, 0, 1, 2)))}
     demuxes = {demux.name: demux} if demux else {}
-    return Spec(
+    spec = Spec(
         name="random",
         digest="0" * 64,
         buses=buses,
@@ -88,6 +88,124 @@ def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
         separate=_groups(rng, list(drawn_modules)),
         together=_groups(rng, list(drawn_modules)),
     )
+    return with_paths(rng, spec) if demux and rng.random() < 0.85 else spec
+
+
+def with_paths(rng: random.Random, spec: Spec) -> Spec:
+    """Let each branch of the DEMUX begin a path of one to three modules, and name the ends; else give the same spec.
+
+    Between two modules of a path is a variable of its own. Sometimes a monitor reads what the first modules give, so
+    that a branch may run without its end.
+    """
+    (demux,) = spec.demuxes.values()
+    modules, variables, ends = dict(spec.modules), dict(spec.variables), []
+    for branch in demux.branches:
+        last = branch
+        for step in range(1, rng.choice((1, 2, 2, 3, 3))):
+            between = f"{branch}_{step}"
+            variables[between] = Variable(between, type=rng.choice(TYPES))
+            modules[last] = _giving(rng, modules[last], between)
+            last = f"{branch}p{step}"
+            modules[last] = _reading(rng, spec, last, between)
+        ends.append(last)
+    firsts = [f"{branch}_1" for branch in demux.branches if f"{branch}_1" in variables]
+    if firsts and rng.random() < 0.4:
+        modules["monitor"] = _watching(rng, firsts)
+    demux = replace(demux, to=tuple(rng.sample(ends, len(ends))))
+    changed = replace(spec, modules=modules, variables=variables, demuxes={demux.name: demux})
+    if not _each_end_belongs_to_its_branch(changed, demux, ends):
+        return spec
+    monitored = list(modules)[-1] if "monitor" in modules else None
+    return replace(
+        changed,
+        functions={name: _served_by(rng, modules, demux, f, monitored) for name, f in spec.functions.items()},
+    )
+
+
+def _giving(rng: random.Random, module: Module, variable: str) -> Module:
+    """Let some modes of a module, or all, give a variable as well."""
+    chosen = rng.sample(list(module.modes), rng.randint(1, len(module.modes)))
+    modes = {
+        name: replace(mode, gives={**mode.gives, variable: 1}) if name in chosen else mode
+        for name, mode in module.modes.items()
+    }
+    return replace(module, modes=modes)
+
+
+def _reading(rng: random.Random, spec: Spec, name: str, variable: str) -> Module:
+    """Draw a module of a path: in each mode it must have the variable, and may take one of the others."""
+    modes = {}
+    for mode in [f"o{i}" for i in range(rng.choice((1, 1, 2)))]:
+        needs: Expression = Leaf(variable, 1, 1, (0,))
+        if rng.random() < 0.3:
+            other = Leaf(rng.choice(list(spec.variables)), 1, 1, (rng.randint(0, 3),))
+            needs = And((needs, Or(rng.randint(0, 1), (other,))))
+        modes[mode] = _small_mode(rng, mode, needs)
+    return Module(name, image=name, modes=modes, runs_on=(rng.choice(list(spec.pes)),) if rng.random() < 0.4 else None)
+
+
+def _watching(rng: random.Random, variables: list[str]) -> Module:
+    leaves = tuple(Leaf(variable, 1, 1, (1,)) for variable in variables)
+    gate = Xor(leaves) if len(leaves) > 1 and rng.random() < 0.3 else Or(rng.randint(0, 1), leaves)
+    return Module("monitor", image="monitor", modes={"only": _small_mode(rng, "only", gate)})
+
+
+def _small_mode(rng: random.Random, name: str, needs: Expression) -> Mode:
+    rate_mhz = rng.choice((1_000, 10_000, 33_333))
+    return Mode(name, needs, {}, rng.choice((5, 20, 60)), rng.choice((5, 30)), rate_mhz)
+
+
+def _served_by(
+    rng: random.Random, modules: dict[str, Module], demux: Demux, function: Function, monitor: str | None
+) -> Function:
+    """Let a function of the DEMUX be served by its ends, and another one sometimes by the monitor."""
+    if function.output != demux.name:
+        if monitor is None or rng.random() < 0.4:
+            return function
+        return replace(function, output=monitor, outputs=(monitor,), value=None)
+    most = max(len(modules[end].modes) for end in demux.to)
+    values = None if function.value is None else tuple(rng.randint(0, 100) for _ in range(most))
+    return replace(function, outputs=demux.to, value=values)
+
+
+def _each_end_belongs_to_its_branch(spec: Spec, demux: Demux, ends: list[str]) -> bool:
+    """Tell whether each end can run, and cannot without its branch, and can without each other one."""
+    for branch, end in zip(demux.branches, ends, strict=True):
+        others = [other for other in demux.branches if other != branch]
+        alike = [end in can_run(spec, without) for without in ((), *((other,) for other in others))]
+        if not all(alike) or end in can_run(spec, (branch,)):
+            return False
+    return True
+
+
+def can_run(spec: Spec, failed: Iterable[str]) -> set[str]:
+    """Modules that could run with every element up and no limit: the greatest set, found by removing one by one."""
+    kept = {
+        (module.name, name): mode
+        for module in spec.modules.values()
+        for name, mode in module.modes.items()
+        if module.name not in failed and any(_allows(spec, module, pe) for pe in spec.pes.values())
+    }
+    while True:
+        given = {datum for mode in kept.values() for datum in mode.gives.items()}
+        lost = [key for key, mode in kept.items() if mode.needs is not None and not _could_hold(mode.needs, given)]
+        if not lost:
+            return {module for module, _ in kept}
+        kept = {key: mode for key, mode in kept.items() if key not in lost}
+
+
+def _allows(spec: Spec, module: Module, pe: Pe) -> bool:
+    at_home = module.device is None or spec.devices[module.device].pe == pe.name
+    return at_home and (module.runs_on is None or pe.name in module.runs_on) and module.requires <= pe.features
+
+
+def _could_hold(needs: Expression, given: set[tuple[str, int]]) -> bool:
+    if isinstance(needs, Leaf):
+        return any((needs.variable, version) in given for version in range(needs.best, needs.worst + 1))
+    held = sum(_could_hold(one, given) for one in needs.inputs)
+    if isinstance(needs, And):
+        return held == len(needs.inputs)
+    return held >= (needs.k if isinstance(needs, Or) else 1)
 
 
 def _buses(rng: random.Random) -> dict[str, Bus]:
@@ -351,11 +469,20 @@ def random_situation(rng: random.Random, spec: Spec) -> Situation:
         *(f"channel:{bus.name}.{i}" for bus in spec.buses.values() if bus.channels == 2 for i in (1, 2)),
     ]
     down = rng.sample(everything, rng.choice((0, 0, 0, 0, 0, 1, 1, 2)))
+    if rng.random() < 0.3:
+        down += [f"module:{name}@{pe}" for name, pe in random_places(rng, spec, rng.randint(1, 3))]
     limits = {}
     for element in [f"bus:{name}" for name in spec.buses] + [f"pe:{name}" for name in spec.pes]:
         if rng.random() < 0.08:
             limits[element] = Fraction(rng.choice((0, 1, 333, 400, 500, 875, 1000)), 1000)
     return Situation(frozenset(down), limits, rng.choice(list(spec.phases)) if spec.phases else None)
+
+
+def random_places(rng: random.Random, spec: Spec, most: int) -> list[tuple[str, str]]:
+    """Draw places, each a module with two possible PEs or more and one of these."""
+    hosts = {m.name: [pe.name for pe in spec.pes.values() if _allows(spec, m, pe)] for m in spec.modules.values()}
+    every = [(name, pe) for name, pes in hosts.items() if len(pes) > 1 for pe in pes]
+    return rng.sample(every, min(most, len(every)))
 
 
 def with_phase_inputs(rng: random.Random, spec: Spec) -> Spec:
@@ -420,6 +547,9 @@ def features(case: Case) -> dict[str, bool]:
         "xor": any(isinstance(gate, Xor) for gate in gates),
         "nested gates": any(not isinstance(one, Leaf) for gate in gates for one in gate.inputs),
         "demux": bool(spec.demuxes),
+        "demux with to": any(demux.to for demux in spec.demuxes.values()),
+        "path of two": any(f"{b}p1" in d.to for d in spec.demuxes.values() for b in d.branches),
+        "path of three": any(f"{b}p2" in d.to for d in spec.demuxes.values() for b in d.branches),
         "demux as output": any(function.output in spec.demuxes for function in spec.functions.values()),
         "separate": bool(spec.separate),
         "together": bool(spec.together),
@@ -429,6 +559,7 @@ def features(case: Case) -> dict[str, bool]:
         "shared output": len({f.output for f in spec.functions.values()}) < len(spec.functions),
         "limit": bool(now.limits),
         "faults": bool(now.down),
+        "failed place": any("@" in element for element in now.down),
         "changed priority": bool(now.priorities),
         "only in": any(leaf.only_in is not None for mode in every_mode for _, leaf in mode.leaves()),
         "running": case.running is not None,

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_dg.configuration import Configuration
+from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
 from heronry_dg.objective import placement
-from heronry_dg.situation import Situation, elements
+from heronry_dg.situation import Situation, elements, places
+from heronry_dg.verify import verify
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
 from heronry_manager.contingency.contingencies import Contingencies, contingencies
 from heronry_manager.contingency.file_format import (
@@ -87,7 +88,7 @@ def sealed(content: bytes) -> bytes:
 
 
 def forged(body: bytes, length: int | None = None) -> bytes:
-    head = b"HERONRY\x01" + bytes.fromhex(CHUTE.digest) + (len(body) if length is None else length).to_bytes(4, "big")
+    head = b"HERONRY\x02" + bytes.fromhex(CHUTE.digest) + (len(body) if length is None else length).to_bytes(4, "big")
     return sealed(head + zlib.compress(body))
 
 
@@ -96,16 +97,18 @@ def forged(body: bytes, length: int | None = None) -> bytes:
     [
         (b"", "no contingency file"),
         (b"x" * 200, "no contingency file"),
-        (sealed(b"HERONRY\x02" + bytes(60)), "format 2"),
-        (sealed(b"HERONRY\x01" + bytes(60)), "another spec, or another version of spec elevator_and_chute"),
+        (sealed(b"HERONRY\x09" + bytes(60)), "format 9"),
+        (sealed(b"HERONRY\x02" + bytes(60)), "another spec, or another version of spec elevator_and_chute"),
         (forged(b"", 1 << 30), "too many"),
         (forged(b""), "cannot be read"),
-        (forged(pack([1, 1, 99])), "cannot be read"),
-        (forged(pack([0, 0, 1, 0, 1, 2, 99, 99])), "cannot be read"),
-        (forged(pack([0, 0, 1, 0, 1, 13, *[0] * 13, 2])), "no configuration number 2"),
-        (forged(pack([0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 2, 0, 0])), "do not fit"),
-        (forged(pack([0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 1])), "do not fit"),
-        (forged(pack([0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 0, 7])), "left over"),
+        (forged(pack([1, 0, 1, 99])), "cannot be read"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 2, 99, 99])), "cannot be read"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 2])), "no configuration number 2"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 2, 0, 0])), "do not fit"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 1])), "do not fit"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 0, 0, 7])), "left over"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 0, 3, 0, 0, 1])), "has no plan"),
+        (forged(pack([0, 0, 0, 1, 0, 1, 13, *[0] * 13, 1, 1, 1, 1, *[0] * 10, 1, 0, 2, 0, 0])), "cannot be read"),
     ],
 )
 def test_what_is_no_file_of_this_spec_is_one_sentence(data: bytes, sentence: str, tmp_path: Path) -> None:
@@ -289,3 +292,34 @@ def test_a_line_that_says_nothing_ends_what_is_known(line: str, tmp_path: Path) 
 def test_two_runs_do_not_write_one_journal(tmp_path: Path) -> None:
     with Journal(tmp_path / "j", CHUTE, SCOPE), pytest.raises(JournalError, match="another run"):
         Journal(tmp_path / "j", CHUTE, SCOPE)
+
+
+# Places in use
+
+
+IN_USE = made_for(CHUTE, replace(scope_of(CHUTE, 1), places=True))
+
+
+def test_the_places_in_use_are_planned_for_and_numbered_last() -> None:
+    plain = made_for(CHUTE, scope_of(CHUTE, 1))
+    assert IN_USE.configurations[: len(plain.configurations)] == plain.configurations
+    used = {f"module:{name}@{pe}" for name, (_, pe) in RUNNING.items() if len(places(CHUTE, name)) > 1}
+    assert {place for _, down, _ in IN_USE.entries() for place in down if "@" in place} == used
+    for _, down, made in IN_USE.entries():
+        now = Situation(down)
+        assert verify(CHUTE, now, IN_USE.configuration(made.number)) == []
+        assert made.objective == plan(CHUTE, now, RUNNING).objective
+    assert from_bytes(to_bytes(IN_USE, CHUTE), CHUTE) == IN_USE
+
+
+def test_a_place_is_looked_up_and_implied_by_its_pe_and_its_module() -> None:
+    table = ContingencyTable(CHUTE, IN_USE)
+    place = next(place for place, _ in IN_USE.phases[0].by_place)
+    module, _, pe = place.removeprefix("module:").partition("@")
+    alone = table.plan(frozenset({place}), None, RUNNING)
+    assert alone is not None
+    assert alone.configuration.modules.get(module, Running("elsewhere", "only")).pe != pe
+    for element in (f"pe:{pe}", f"module:{module}"):
+        assert table.find(frozenset({element, place}), None, RUNNING) == table.find(frozenset({element}), None, RUNNING)
+    others = frozenset(places(CHUTE, module))
+    assert table.find(others, None, RUNNING) is None, "two places are no single fault"

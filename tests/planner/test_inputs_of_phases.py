@@ -58,7 +58,7 @@ def test_the_verifier_refuses_a_wire_in_another_phase() -> None:
     wired = plan(SPEC, Situation(phase="glide")).configuration
     said = [str(one) for one in verify(SPEC, Situation(phase="climb"), wired)]
     where = 'rule 2.phase, module show, input "0"'
-    assert said == [f"{where}: it is wired in phase climb, and may be only in glide and land"]
+    assert said == [f"{where}: the input is wired in phase climb, and may be wired only in glide and land"]
     assert verify(SPEC, Situation(phase="land"), wired) == []
 
 

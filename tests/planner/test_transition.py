@@ -421,3 +421,21 @@ def test_where_there_are_too_many_mixtures_to_play_the_verifier_takes_the_worst_
 def some_of(numbers: range) -> Configuration:
     modules = {f"m{i}": Running(f"p{i}", "only") for i in numbers}
     return Configuration(modules | {f"r{i}": Running("p14", "only", {"": Wire(f"m{i}", f"v{i}", 1)}) for i in numbers})
+
+
+def test_the_ends_of_a_demux_are_exclusive_though_its_branches_share_a_pe() -> None:
+    spec = load("dg_specs/examples/demux_paths.dg.yaml")
+    before = plan(spec, situation(spec)).configuration
+    switched = situation(spec, ["device:elevator_servo_1"])
+    after = plan(spec, switched, placement(before)).configuration
+    way = transition(spec, before, after, switched)
+    assert way.wait_for == {"tail_a": ("limited_servo_1 gives elevator_out.to up to tail_b",)}
+    assert verify_transition(spec, before, after, switched, way) == []
+    assert {v.rule for v in verify_transition(spec, before, after, switched, direct(way))} == {"t.exclusive"}
+    silent = situation(spec, ["pe:tail_a"])
+    way = transition(spec, before, after, silent)
+    assert (way.steps, way.hold) == ((Step.GO, Step.GO_ALL), ("elevator_out",))
+    assert verify_transition(spec, before, after, silent, way) == []
+    assert {v.where for v in verify_transition(spec, before, after, silent, direct(way))} == {
+        "end of demux elevator_out"
+    }

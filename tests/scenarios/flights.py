@@ -1,5 +1,6 @@
 """The aircraft of the scenario tests, and how a flight is begun, disturbed and evaluated."""
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -59,6 +60,18 @@ def flying(
         simulation.run_for(50 * MS)
         assert simulation.now_ns < LONGEST_START_NS, simulation.unsettled()
     return simulation
+
+
+def at_end_of(simulation: Simulation, frame: Sent, what: Callable[[], None]) -> None:
+    """Call `what` at the end of a frame known from an equal flight, before any node has received the frame."""
+    simulation.wiring.tap(frame.bus, lambda sent: what() if sent == frame else None)
+
+
+def fail_receiver(simulation: Simulation, pe: str, duration_ns: int) -> None:
+    """Let a running PE's receiver fail; the PE goes on sending."""
+    node = simulation.fleet.running[pe]
+    node.wire(receive_failed=True)
+    simulation.at(simulation.now_ns + duration_ns, lambda: node.wire(receive_failed=False))
 
 
 def placed_on(simulation: Simulation, pe: str) -> set[str]:

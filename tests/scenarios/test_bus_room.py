@@ -18,7 +18,7 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
 from heronry_wire.management import Activate, Step, decode_command
 from heronry_wire.timing import exact_bits
-from scenarios.flights import MS, flying
+from scenarios.flights import MS, at_end_of, fail_receiver, flying
 
 SWAP = """
 dg: 1
@@ -102,7 +102,7 @@ def test_the_left_view_has_gone_when_the_right_one_comes() -> None:
 
 def receive_failed_from(frame: Sent, pe: str) -> Callable[[Simulation], None]:
     """Let a PE miss this frame, and all others for two heartbeat periods."""
-    return lambda flight: flight.at_end_of(frame, lambda: flight.fleet.fail_receiver(pe, 100 * MS))
+    return lambda flight: at_end_of(flight, frame, lambda: fail_receiver(flight, pe, 100 * MS))
 
 
 @pytest.mark.parametrize("number", [0, 1], ids=["BREAK", "GO_ALL"])

@@ -4,7 +4,7 @@ import pytest
 
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_tools.sim.flight.simulation import Simulation
-from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from scenarios.flights import MS, at_end_of, big_blue, flying, management_frames, times_are_told, two_tails
 from thoroughness import sample
 
 
@@ -71,7 +71,7 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     wrong = {}
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails())
-        simulation.at_end_of(frame, lambda flight=simulation: successor(flight, 150 * MS))
+        at_end_of(simulation, frame, lambda flight=simulation: successor(flight, 150 * MS))
         simulation.fleet.kill("tail_pe")
         violations = simulation.settle()
         times_are_told(simulation)
@@ -115,4 +115,5 @@ def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_reported_agai
     simulation.run_for(MS)  # the acknowledgement is sent, and the next heartbeat is not
     simulation.managers.kill()
     assert simulation.settle() == []
-    assert [event["element"] for event in simulation.events_of("fault_reported")] == ["module:chute_logic"] * 2
+    told = [event["element"] for event in simulation.events_of("fault_reported")]
+    assert told == ["module:chute_logic@control_pe"] * 2

@@ -8,7 +8,16 @@ from random import Random
 import pytest
 
 from heronry_tools.sim.flight.simulation import Simulation
-from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from scenarios.flights import (
+    MS,
+    at_end_of,
+    big_blue,
+    fail_receiver,
+    flying,
+    management_frames,
+    times_are_told,
+    two_tails,
+)
 from thoroughness import mostly_soak, part_of, sample
 
 
@@ -66,7 +75,7 @@ def test_a_pe_that_has_to_stop_driving_has_a_failed_receiver_from_any_message_on
     known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails(), decide_ns=2 * MS)
-        simulation.at_end_of(frame, lambda flight=simulation: flight.fleet.fail_receiver("tail_pe", 150 * MS))
+        at_end_of(simulation, frame, lambda flight=simulation: fail_receiver(flight, "tail_pe", 150 * MS))
         servo_sticks(simulation)
         simulation.run_until(frame.end_ns + 150 * MS)
         assert simulation.settle() == [], frame
@@ -75,7 +84,7 @@ def test_a_pe_that_has_to_stop_driving_has_a_failed_receiver_from_any_message_on
 def test_a_pe_whose_receiver_stays_failed_is_failed_although_it_sends() -> None:
     simulation = flying(two_tails(), decide_ns=2 * MS)
     simulation.fleet.kill("sensor_pe")
-    simulation.fleet.fail_receiver("tail_pe", 1_000 * MS)
+    fail_receiver(simulation, "tail_pe", 1_000 * MS)
     simulation.run_for(1_000 * MS)
     assert simulation.events_of("pe_lost")[-1]["cause"] == "it hears no lease"
     assert simulation.settle() == []

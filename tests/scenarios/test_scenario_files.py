@@ -16,6 +16,9 @@ from thoroughness import mostly_soak
 FILES = sorted(Path(__file__).parent.glob("*.scenario"))
 # Long flights of big_blue, each with a sibling that flies in every run.
 LONG = {
+    "given_back_what_another_still_drives",  # a_replaced_driver_returns_to_a_manager_that_begins
+    "one_frame_in_a_thousand_is_lost",  # one_frame_in_ten_is_lost_while_a_pe_dies
+    "the_receiver_of_the_standby_failed_and_its_manager_dies",  # the_receiver_of_the_standby_fails_again_and_again
     "a_keyed_standby_takes_over",  # the_standby_takes_over, a_keyed_standby_came_too_late_to_know_the_pes
     "a_phase_in_flight_and_a_lost_computer",  # a_takeover_in_another_phase, big_blue_loses_its_flight_computer
     "big_blue_loses_two",  # big_blue_loses_its_flight_computer, a_loss_without_a_contingency

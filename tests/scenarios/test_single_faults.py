@@ -101,8 +101,8 @@ def with_a_twin_of_what_raises() -> Spec:
 
 def test_a_module_that_raises_is_stopped_and_reported_and_the_plan_does_without_it() -> None:
     simulation = Simulation(with_a_twin_of_what_raises())
-    simulation.truth.failed("module:state_estimator")  # half a second after it was started it raises
+    simulation.truth.broke("state_estimator", "tail_pe")  # half a second after it was started it raises
     simulation.run_for(1_500 * MS)
     assert simulation.settle() == []
-    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["module:state_estimator"]
+    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["module:state_estimator@tail_pe"]
     assert simulation.witness.served("elevator", simulation.now_ns)

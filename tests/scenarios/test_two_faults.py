@@ -12,7 +12,7 @@ import pytest
 from heronry_dg.model import Spec
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent
-from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from scenarios.flights import MS, at_end_of, big_blue, flying, management_frames, times_are_told, two_tails
 from thoroughness import mostly_soak, sample
 
 BEAT_NS = 20 * MS
@@ -71,7 +71,7 @@ def frames_of(spec: Spec, story: Story) -> list[Sent]:
 def flown_again(spec: Spec, story: Story, until: Sent, what: Callable[[Simulation], None]) -> Simulation:
     """The same flight, with something done at the end of one of its frames."""
     simulation = flying(spec)
-    simulation.at_end_of(until, lambda: what(simulation))
+    at_end_of(simulation, until, lambda: what(simulation))
     story(simulation)
     simulation.run_until(until.end_ns + 1)
     return simulation

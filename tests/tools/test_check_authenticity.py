@@ -210,6 +210,16 @@ def test_a_fault_is_not_withdrawn_for_an_old_clear() -> None:
     ]
 
 
+def test_a_fault_cleared_on_one_pe_is_withdrawn_there_alone() -> None:
+    bus = Bus()
+    bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE | NODE << 8, 3))
+    bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE | (NODE + 1) << 8, 4))
+    bus.pe_withdraws(3)
+    assert bus.stories == []
+    bus.pe_withdraws(4)
+    assert [story.split(",")[0] for story in bus.stories] == ["tail_pe withdraws its report of module 4"]
+
+
 def test_two_managers_are_believed_each_by_its_own_numbers() -> None:
     bus = Bus()
     bus.say(Lease(1, 1, Step.GO_ALL, 7))

@@ -347,11 +347,29 @@ def test_the_ending_of_the_file_chooses_the_form(capsys: pytest.CaptureFixture[s
         ),
         (
             ["diff", "big_blue", "big_blue", "-o", "d.png"],
-            "d.png: this command writes no PNG; what it writes ends in .json, .mmd, .mermaid, or in .txt",
+            "d.png: this command writes no PNG; what it writes ends in .json, .mmd, .mermaid, .txt",
         ),
         (
             ["render", "elevator_and_chute", "--format", "dot", "-o", "g.svg"],
             "g.svg: a file with this ending is svg, and dot was asked for; name another file",
+        ),
+        (
+            ["plan", "elevator_and_chute", "-o", "plan.svg"],
+            "plan.svg: this command writes no SVG; what it writes ends in .json, .txt",
+        ),
+        (["dbc", "-o", "bus.JSON"], "bus.JSON: this command writes no JSON; what it writes ends in .dbc"),
+        (["schema", "-o", "schema.html"], "schema.html: this command writes no HTML; what it writes ends in .json"),
+        (
+            ["contingencies", "elevator_and_chute", "-o", "made.json"],
+            "made.json: this command writes no JSON; what it writes ends in .contingencies",
+        ),
+        (
+            ["contingencies", "elevator_and_chute", "-o", "my.dg.yaml"],
+            "my.dg.yaml: a file with this ending is a spec, and no command writes specs; name another file",
+        ),
+        (
+            ["demo", "elevator_and_chute", "--record", "my.dg.yaml"],
+            "my.dg.yaml: a file with this ending is a spec, and no command writes specs; name another file",
         ),
     ],
 )

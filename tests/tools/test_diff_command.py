@@ -400,3 +400,13 @@ def test_a_mode_in_the_place_of_another_one_is_another_arrow(
     renamed = changed(tmp_path, (FUSED, FUSED.replace("fused:", "mixed:")))
     out = said(capsys, "elevator_and_chute", renamed, "--format", "mermaid")
     assert removed_and_added(out) == (["V1", "V1; 1"], ["V1", "V1; 1"])
+
+
+def test_the_exit_code_tells_a_change_to_ci_only_when_it_is_asked_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = changed(tmp_path, ("priority: 20", "priority: 21"))
+    for form in ("text", "json", "mermaid"):
+        for words, code in (([file], 0), ([file, "--exit-code"], 1), (["elevator_and_chute", "--exit-code"], 0)):
+            assert main(["diff", "elevator_and_chute", *words, "--format", form]) == code
+    capsys.readouterr()

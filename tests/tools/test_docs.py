@@ -2,8 +2,10 @@
 
 Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
 one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
-earlier one wrote. RULES says how each command is tried; a command without a rule fails. A command that running text
-mentions must exist in the `--help` of its program, with its options.
+earlier one wrote. RULES says how each command is tried; a command without a rule fails. A shell gets every line in
+`make soak`; in `make test` those of README.md, and those that no program understands without one, and the programs of
+the others are called in this process. A command that running text mentions must exist in the `--help` of its program,
+with its options.
 """
 
 import os
@@ -13,13 +15,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, partial
 from importlib import import_module
 from importlib.util import find_spec
-from io import StringIO
+from io import BytesIO, TextIOWrapper
 from itertools import takewhile
 from pathlib import Path
 
@@ -27,7 +29,7 @@ import pytest
 
 from heronry_agent.shell.cli import main as pe_agent
 from heronry_tools.cli import main as heronry
-from thoroughness import IS_WHOLE
+from thoroughness import IS_WHOLE, mostly_soak
 
 OWN_PROGRAMS: dict[str, Callable[[], object]] = {"heronry": heronry, "pe-agent": pe_agent}
 CHECKOUT = Path.cwd()
@@ -66,7 +68,11 @@ RULES = [
     Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
-    Rule(r"heronry .*\bmy\.dg\.yaml.*", How.EXEMPT, "test_tutorial.py runs it, on what is written by then"),
+    Rule(
+        r"(heronry|sed) .*\b(my|own)\.dg\.yaml.*|heronry module try my_estimator:.*",
+        How.EXEMPT,
+        "test_tutorial.py runs it, on what is written by then; tests/live/test_demo.py flies it",
+    ),
     Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),
@@ -83,17 +89,21 @@ RULES = [
     Rule(r"heronry (top|metrics|log convert) .*flight\.log big_blue.*", How.EXEMPT, "tests/watch flies and runs them"),
     Rule(r"heronry (record|log convert|replay) .*\bflight\b.*", How.EXEMPT, "tests/watch and tests/live record one"),
     Rule(r"heronry metrics --port .*", How.EXEMPT, "tests/live/test_watching_live.py scrapes it"),
+    Rule(r"heronry demo elevator_and_chute --kill .*", How.LIVE, is_long=True),  # test_demo.py tells the same story
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
     Rule(r"heronry sim .*--compiled.*", How.EXEMPT, "the first time it compiles for minutes"),
     Rule(r"heronry sim (big_blue|elevator_and_chute --runs 3 .*)", How.RUN, is_long=True),
+    Rule(r"heronry sim big_blue .*", How.RUN, more="--seconds 1 --kill pe:nav@0.5"),  # drawn faults would last longer
     Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
+    Rule(r"heronry diff HEAD:dg_specs/big_blue.*", How.RUN, is_long=True),  # render.md has it with a smaller spec
     Rule(r"heronry (plan|verify|table|dbc|eds|check|render|diff|pcs)\b.*", How.RUN),
     Rule(r"heronry key \w+\.key", How.RUN),
     Rule(r"heronry module try state_estimator .*", How.RUN),
+    Rule(r"heronry exhaust\b.* --count", How.RUN, is_long=True),  # test_exhaust_command.py counts
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m lab\.benches\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3", is_long=True),
     Rule(r"python -m lab\.benches\.reaction --write .*", How.RUN),
@@ -183,12 +193,43 @@ def typed(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def tried(line: CommandLine, rule: Rule, workspace: Path) -> str | None:
+def called(text: str, folder: Path) -> subprocess.CompletedProcess[str] | None:
+    """The same in this process, since another one would import for a second; None where that takes a shell."""
+    written = re.search(r">\s*(\S+)", text)
+    command = re.sub(r"\s*>\s*\S+", "", text)
+    words = shlex.split(command)
+    program, given = (words[:3], words[3:]) if words[:2] == ["python", "-m"] else (words[:1], words[1:])
+    main = main_of(" ".join(program))
+    if main is None or re.search(r"[|&;<$`*~]", command):
+        return None
+    out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.chdir(folder)
+        patch.setenv("COLUMNS", "300")
+        patch.setattr(sys, "argv", [" ".join(program), *given])
+        code = exit_code_of(main)
+    said, complained = (stream.buffer.getvalue().decode() for stream in (out, err))
+    if written is not None:
+        (folder / written[1]).write_text(said)
+    return subprocess.CompletedProcess(words, code, said, complained)
+
+
+def exit_code_of(main: Callable[[], object]) -> int:
+    """What a shell would get from a program that has this `main`."""
+    try:
+        code = main()
+    except SystemExit as ended:
+        code = ended.code
+    return code if isinstance(code, int) else int(code is not None)
+
+
+def tried(line: CommandLine, rule: Rule, workspace: Path, *, in_a_shell: bool = True) -> str | None:
     """Run a command line; what is wrong with it, or None."""
-    text = f"{line.text} {rule.more}".strip()
+    text = f"{re.sub(' +# .*', '', line.text)} {rule.more}".strip()
     if rule.how is How.HARDWARE:
         text = re.sub(r"-c can\d", f"-c {NO_INTERFACE}", text)
-    ended = typed(text, CHECKOUT if rule.in_checkout else workspace)
+    folder = CHECKOUT if rule.in_checkout else workspace
+    ended = (None if in_a_shell else called(text, folder)) or typed(text, folder)
     if rule.how is How.HARDWARE:
         said = [text for text in ended.stderr.splitlines() if not text.startswith(PLANNING_AHEAD)]
         understood = ended.returncode != 0 and len(said) == 1 and NO_INTERFACE in said[0]
@@ -215,7 +256,10 @@ def workspace(tmp_path: Path) -> Path:
 def test_every_command_line_runs(document: Path, workspace: Path) -> None:
     lines = [(line, line.rule) for line in command_lines(document)]
     here = [(line, rule) for line, rule in lines if rule and rule.how in (How.RUN, How.HARDWARE)]
-    outcomes = [tried(line, rule, workspace) for line, rule in here if IS_WHOLE or not rule.is_long]
+    in_a_shell = IS_WHOLE or document == Path("README.md")
+    outcomes = [
+        tried(line, rule, workspace, in_a_shell=in_a_shell) for line, rule in here if IS_WHOLE or not rule.is_long
+    ]
     assert [failure for failure in outcomes if failure is not None] == []
 
 
@@ -231,7 +275,11 @@ LONGER = [line for line in all_lines() if line.rule is not None and line.rule.ho
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("line", LONGER, ids=lambda line: f"{line.place} {line.text}")
+@pytest.mark.parametrize(
+    "line",
+    mostly_soak(LONGER, [line for line in LONGER if line.rule is not None and not line.rule.is_long]),
+    ids=lambda line: f"{line.place} {line.text}",
+)
 def test_every_command_line_that_takes_longer_runs(line: CommandLine, workspace: Path) -> None:
     assert line.rule is not None
     if line.rule.in_checkout and subprocess.run(["make", "-q", ".venv/ready-to-run"], check=False).returncode != 0:
@@ -257,20 +305,14 @@ def main_of(program: str) -> Callable[[], object] | None:
 def help_of(program: str) -> str:
     """The `--help` of a program. Programs of this project run in this process: another one would import for a
     second."""
-    main = main_of(program)
-    if main is None:
+    if main_of(program) is None:
         ended = typed(f"make -n {program[5:]}" if program.startswith("make ") else f"{program} --help", CHECKOUT)
         assert ended.returncode == 0, f"`{program}`: {ended.stderr}"
         return ended.stdout
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as said:
-        patch.setenv("COLUMNS", "300")
-        patch.setattr(sys, "argv", [*program.split(), "--help"])
-        try:
-            code = main()
-        except SystemExit as ended:
-            code = ended.code
-    assert not code, f"`{program} --help` ended with {code}"
-    return said.getvalue()
+    ended = called(f"{program} --help", CHECKOUT)
+    assert ended is not None
+    assert ended.returncode == 0, f"`{program} --help` ended with {ended.returncode}"
+    return ended.stdout
 
 
 @pytest.mark.parametrize(("document", "program", "rest"), mentions())
@@ -328,6 +370,9 @@ def test_command_lines_are_found_where_readers_see_them(text: str, lines: list[s
     assert [line.text for line in command_lines(document)] == lines
 
 
+in_both_ways = pytest.mark.parametrize("in_a_shell", [True, False], ids=["in a shell", "called"])
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -338,8 +383,9 @@ def test_command_lines_are_found_where_readers_see_them(text: str, lines: list[s
         "pe-agent --table missing.table -i socketcan -c can0",
     ],
 )
-def test_a_command_line_that_cannot_run_is_found_out(text: str, tmp_path: Path) -> None:
-    assert outcome(text, tmp_path) is not None
+@in_both_ways
+def test_a_command_line_that_cannot_run_is_found_out(text: str, tmp_path: Path, *, in_a_shell: bool) -> None:
+    assert outcome(text, tmp_path, in_a_shell=in_a_shell) is not None
 
 
 @pytest.mark.parametrize(
@@ -350,15 +396,16 @@ def test_a_command_line_that_cannot_run_is_found_out(text: str, tmp_path: Path) 
         "heronry table elevator_and_chute tail_pe -o tail.table && pe-agent --table tail.table -i socketcan -c can0",
     ],
 )
-def test_a_command_line_that_can_run_is_let_pass(text: str, tmp_path: Path) -> None:
-    assert outcome(text, tmp_path) is None
+@in_both_ways
+def test_a_command_line_that_can_run_is_let_pass(text: str, tmp_path: Path, *, in_a_shell: bool) -> None:
+    assert outcome(text, tmp_path, in_a_shell=in_a_shell) is None
 
 
-def outcome(text: str, folder: Path) -> str | None:
+def outcome(text: str, folder: Path, *, in_a_shell: bool) -> str | None:
     (folder / "some.md").write_text(f"```sh\n{text}\n```\n")
     (line,) = command_lines(folder / "some.md")
     assert line.rule is not None
-    return tried(line, line.rule, folder)
+    return tried(line, line.rule, folder, in_a_shell=in_a_shell)
 
 
 def test_readme_leaves_no_untracked_file() -> None:

@@ -255,7 +255,7 @@ def test_behind_a_socketcand_it_hears_frames_that_come_at_once() -> None:
 
 def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "-i", "softbus", "-c", str(tmp_path / "none.sock")]) == 1
-    assert "no hub answers there" in capsys.readouterr().out
+    assert "no bus answers there" in capsys.readouterr().out
     assert main(["doctor", "-i", "socketcan", "-c", "no_such_can"]) == 1
     out = capsys.readouterr().out
     assert "this kernel does not support CAN" in out or "there is no interface no_such_can" in out

@@ -23,7 +23,7 @@ def test_a_key_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureFixtu
     file = tmp_path / "fleet.key"
     main(["key", str(file)])
     assert main(["key", str(file)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["manager", "demo"])

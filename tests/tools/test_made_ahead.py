@@ -18,7 +18,9 @@ from heronry_tools.cli import main
 from heronry_wire.pe_table import PeTable
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
-MAKING = "heronry: planning elevator_and_chute ahead for every single fault, once (25 plans)\n"
+MAKING = (
+    "heronry: planning elevator_and_chute ahead for every single fault, once (25 plans, and those of places in use)\n"
+)
 
 
 @pytest.fixture
@@ -80,7 +82,7 @@ def test_a_killed_run_is_gone_on_with(
     (partial,) = cache.glob("*.partial")
     capsys.readouterr()
     assert contingencies_of(CHUTE, Ahead.SINGLE_FAULTS) is not None
-    assert f"heronry: continuing {partial}, which has 12 plans" in capsys.readouterr().err
+    assert f"heronry: continuing {partial}, which has 17 plans" in capsys.readouterr().err
     assert not partial.exists()
 
 

@@ -29,6 +29,16 @@ class Unbuildable(Module):
         raise LookupError("no calibration")
 
 
+class Hanging(Module):
+    def step(self, inputs):
+        while True:
+            try:
+                while True:
+                    pass
+            except Exception:
+                pass
+
+
 class Leaving(Module):
     def step(self, inputs):
         raise SystemExit
@@ -44,6 +54,39 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (tmp_path / f"{name}_typo.py").write_text("def step(:\n")
     monkeypatch.chdir(tmp_path)
     return name
+
+
+def test_a_module_that_hangs_has_failed_after_the_limit(folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["module", "try", f"{folder}:Hanging", "--limit", "0.2"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    last = err.splitlines()[-1]
+    assert last.startswith(f"heronry: the module failed in step 1: it has not ended after 0.2 s ({folder}.py:")
+    assert err.startswith("Stack (most recent call last):\n")
+    assert "module_runner.py" not in err
+    with pytest.raises(SystemExit, match="2"):
+        main(["module", "try", f"{folder}:Hanging", "--limit", "0"])
+    assert "0 is no limit; write seconds" in capsys.readouterr().err
+
+
+def test_code_that_hangs_when_it_is_imported_has_failed(
+    tmp_path: Path, folder: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / f"{folder}_slow.py").write_text("import time\ntime.sleep(60)\n")
+    assert main(["module", "try", f"{folder}_slow:Slow", "--limit", "0.2"]) == 1
+    err = capsys.readouterr().err
+    assert err.splitlines()[-1] == (
+        f"heronry: the module failed before its first step: it has not ended after 0.2 s ({folder}_slow.py:2)"
+    )
+    assert "importlib" not in err
+
+
+def test_a_syntax_error_shows_no_frame_but_its_own(folder: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["module", "try", f"{folder}_typo:Any"]) == 1
+    err = capsys.readouterr().err
+    assert "importlib" not in err
+    assert "image_catalogues" not in err
+    assert f"{folder}_typo.py" in err
 
 
 def test_a_module_computes_some_steps(folder: str, capsys: pytest.CaptureFixture[str]) -> None:

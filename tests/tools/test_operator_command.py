@@ -66,8 +66,29 @@ def test_nothing_is_locked_without_a_key(manager: OneManager, capsys: pytest.Cap
 
 
 def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["phase", "glide"]) == 1
-    assert capsys.readouterr().err == "heronry: no phase is named 'glide'; there is none\n"
+    assert main(["fail", f"bus:{manager.spec.manager.bus}"]) == 1
+    assert "carries this manager's commands" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("order", "sentence"),
+    [
+        (["phase", "glide"], "no phase is named 'glide'; there is none"),
+        (["fail", "pe:lefft"], "no pe is named 'lefft'; did you mean 'left'?"),
+        (["fail", "left"], "'left' is not an element; did you mean 'pe:left'?"),
+        (["clear", "devise:servo_left"], "'devise:servo_left' is not an element; did you mean 'device:servo_left'?"),
+        (["priority", "elevatr", "7"], "no function is named 'elevatr'; did you mean 'elevator'?"),
+        (["traceback", "module:contrl"], "no module is named 'contrl'; did you mean 'control'?"),
+        (["traceback", "pe:left"], "pe:left has no code that could fail: name a module"),
+        (["unlock", "device:servo_left"], "device:servo_left has no lock: name a PE, such as pe:left"),
+    ],
+)
+def test_a_name_that_the_spec_does_not_have_ends_with_2(
+    order: list[str], sentence: str, manager: OneManager, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (order, [*order, "--json"]):
+        assert main(words) == 2
+        assert capsys.readouterr() == ("", f"heronry: {sentence}\n")
 
 
 def test_a_priority_is_set_shown_and_ended(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,7 +124,7 @@ def test_an_order_answers_a_program_too(manager: OneManager, capsys: pytest.Capt
     answer = json.loads(capsys.readouterr().out)
     assert answer["done"]
     assert answer["sentence"].startswith("device:servo_left counts as failed")
-    assert main(["phase", "glide", "--json"]) == 1
+    assert main(["clear", "pe:left", "--json"]) == 1
     printed = capsys.readouterr()
-    assert json.loads(printed.out) == {"done": False, "sentence": "no phase is named 'glide'; there is none"}
+    assert json.loads(printed.out)["sentence"].startswith("no fault is latched on pe:left")
     assert printed.err == ""

@@ -1,6 +1,7 @@
 """`heronry pcs`: JSON keys, exit codes, and what a user is told."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -94,13 +95,35 @@ def test_a_view_that_is_none_and_a_name_that_is_unknown(flat: str, capsys: pytes
     assert (said.code, said.json) == (1, {"error": "view"})
     assert Said(capsys, "check", flat, "--path", "A,Y", "--json").json == {"error": "unknown:Y"}
     said = Said(capsys, "check", flat, "--at", "A,Y")
-    assert said.code == 1
-    assert said.err == "heronry: unknown:Y: there is no 'Y' here\n"
+    assert (said.code, said.out) == (2, "")
+    assert said.err == "heronry: there is no 'Y' here; there is A, B, C, D\n"
+
+
+def test_a_file_that_is_no_spec_is_told_in_a_few_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "plan.json"
+    assert main(["plan", "elevator_and_chute", "-o", str(file)]) == 0
+    said = Said(capsys, "check", str(file))
+    assert (said.code, said.out) == (2, "")
+    *first, last = said.err.splitlines()
+    assert len(first) == 5
+    assert re.fullmatch(rf"and \d+ more; is this the right file\? 'heronry check {file}' lists all", last)
+
+
+def test_a_spec_without_plants_is_told_as_that(capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "check", "elevator_and_chute")
+    assert "no member is a plant, so no control path is asked for" in said.out
+    assert "no member is a plant" not in Said(capsys, "check", "g_star").out
+
+
+def test_a_misspelt_member_is_answered_with_the_one_that_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    said = Said(capsys, "check", "g_star", "--at", "Kimuu")
+    assert (said.code, said.out) == (2, "")
+    assert "there is no 'Kimuu' here; did you mean 'Kimu'?" in said.err
 
 
 def edited(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     said = Said(capsys, "edit", *arguments, "--json")
-    assert said.code == ("error" in said.json)
+    assert said.code == (2 if said.json.get("error", "").startswith("unknown:") else "error" in said.json)
     return said.json
 
 

@@ -261,3 +261,8 @@ def test_a_mistake_gets_one_sentence(
     assert out == ""
     assert sentence in err
     assert err.count("\n") == 1
+
+
+def test_a_demux_over_paths_names_its_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    text = rendered(capsys, "dg_specs/examples/demux_paths.dg.yaml", "--format", "mermaid")
+    assert "to limited_servo_1, limited_servo_2, limited_servo_3" in text

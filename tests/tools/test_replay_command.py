@@ -14,6 +14,7 @@ from heronry_dg.plan import Plan, make_plan
 from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
+from heronry_tools.runtime.wake_ups import with_heartbeat
 from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.flight.injection.schedule import Injections
 from heronry_tools.sim.flight.simulation import Simulation
@@ -132,11 +133,30 @@ def test_a_recording_of_another_spec_is_told_as_such(
     simulation = Simulation(elevator_and_chute(), keep_trace=True, contingencies=contingencies)
     simulation.run_for(1_000 * MS)
     file = recorded(simulation, tmp_path / "flight.log")
-    assert main(["replay", str(file), "dg_specs/examples/demux_actuators.dg.yaml"]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert sum("DIFFERS: epoch 1 (" in line and line.endswith(told) for line in lines) == 1
+    assert main(["replay", str(file), "dg_specs/examples/demux_actuators.dg.yaml"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    said = printed.err.splitlines()[-1]  # it may have to plan ahead, which is said first
+    assert said.startswith(f"heronry: {file}: epoch 1 (")
+    assert said.endswith(told)
     assert main(["replay", str(file), SPEC]) == 0
     assert "DIFFERS" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("heartbeat_ms", [20, 160, 320])
+def test_a_flight_with_a_stretched_heartbeat_is_replayed_with_that(
+    heartbeat_ms: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    simulation = flying(with_heartbeat(elevator_and_chute(), heartbeat_ms * MS), keep_trace=True)
+    simulation.fleet.kill("tail_pe")
+    simulation.run_for(5_000 * MS)
+    file = recorded(simulation, tmp_path / "slow.log")
+    code, document = replayed(capsys, file)
+    assert (code, document["heartbeat_ns"]) == (0, heartbeat_ms * MS)
+    assert document["reigns"][0]["decisions"] >= 4
+    assert main(["replay", str(file), SPEC]) == 0
+    said = f"flown with a heartbeat of {heartbeat_ms} ms, and not 20 ms as in the spec: the replay does so too\n"
+    assert capsys.readouterr().out.startswith(said) == (heartbeat_ms != 20)
 
 
 # Flights with a key

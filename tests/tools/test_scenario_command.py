@@ -107,7 +107,7 @@ def test_a_report_is_heard_and_nothing_reported_then_fails(tmp_path: Path, capsy
     assert main(["scenario", str(written(tmp_path, body)), "--json"]) == 1
     reported, nothing = json.loads(capsys.readouterr().out)["expectations"]
     assert reported["holds"]
-    assert nothing["seen"].startswith("module:horizon_attitude was reported, last at 1.")
+    assert nothing["seen"].startswith("module:horizon_attitude@tail_b was reported, last at 1.")
 
 
 def test_a_core_that_dies_fails_its_file_and_the_next_one_is_flown(

@@ -43,7 +43,7 @@ def raising(tmp_path: Path) -> Path:
 
 def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "1"]) == 0
-    head, *reconfigurations = capsys.readouterr().out.splitlines()
+    head, *reconfigurations, _ = capsys.readouterr().out.splitlines()
     assert head.startswith("seed 0: 0.5 crash pe:tail_pe (")
     assert len(reconfigurations) == 2
     assert all(name in reconfigurations[1] for name in ("detect", "decide", "distribute", "activate"))
@@ -175,7 +175,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
 ) -> None:
     assert main(["sim", str(raising), "--kill", "pe:tail_pe@2", "--seed", "4", "--seconds", "3"]) == 1
     out = capsys.readouterr().out.splitlines()
-    assert any("VIOLATION" in line and "module:state_estimator is reported" in line for line in out)
+    assert any("VIOLATION" in line and "module:state_estimator@tail_pe is reported" in line for line in out)
     assert out[-1] == f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --act '2 crash pe:tail_pe'"
 
 
@@ -223,10 +223,15 @@ def test_a_module_without_code_cannot_be_simulated(tmp_path: Path, capsys: pytes
     assert "module state_estimator cannot be simulated" in capsys.readouterr().err
 
 
+def test_one_flight_ends_with_its_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "elevator_and_chute", "--seconds", "1", "--act", "0.2 crash pe:tail_pe"]) == 0
+    assert capsys.readouterr().out.endswith("\nthe flight passed: no oracle was violated\n")
+
+
 def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reached(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    words = ["sim", "elevator_and_chute", "--runs", "3", "--seconds", "4"]
+    words = ["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1"]
     assert main(words) == 0
     alone = capsys.readouterr().out
     assert main([*words, "--jobs", "2"]) == 0
@@ -299,9 +304,9 @@ def test_a_failing_flight_is_shrunk_to_the_faults_that_matter(
     head = capsys.readouterr().out.splitlines()[0]
     assert head.count("doubled") == 1
     (file,) = tmp_path.glob("*.scenario")
-    assert "module:state_estimator is reported" in file.read_text()
+    assert "module:state_estimator@tail_pe is reported" in file.read_text()
     assert main(["scenario", str(file)]) == 1
-    assert "module:state_estimator is reported" in capsys.readouterr().out
+    assert "module:state_estimator@tail_pe is reported" in capsys.readouterr().out
     assert main(["scenario", str(file), "-i", "softbus"]) == 2
     assert "no 'expect' in this file" in capsys.readouterr().err
 
@@ -349,7 +354,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "sim",
         str(raising),
         "--seconds",
-        "2",
+        "1",
         "--loss",
         loss,
         "--foreseen",

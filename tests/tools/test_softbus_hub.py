@@ -15,6 +15,7 @@ import pytest
 from heronry_tools.runtime.softbus.address import HubError
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.hub import MAX_CLIENTS
+from heronry_tools.runtime.softbus.place import BusNameError, path_to_listen
 from heronry_tools.runtime.softbus.protocol import BusFrame, encode_command, encode_frame
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
@@ -42,8 +43,16 @@ def assert_carries_frames(path: Path) -> None:
     assert received.arbitration_id == 0x123
 
 
+@pytest.mark.parametrize("name", ["bad name", ".", "a:b", "-x", "x" * 40, "caf\u00e9"])
+def test_what_is_no_name_of_a_bus_is_refused_by_hub_and_client(name: str) -> None:
+    with pytest.raises(BusNameError, match="is no name of a bus; write letters, digits"):
+        path_to_listen(name)
+    with pytest.raises(can.CanInitializationError, match="is no name of a bus"):
+        SoftBus(name)
+
+
 def test_without_a_hub_the_error_says_how_to_start_one(path: Path) -> None:
-    with pytest.raises(can.CanInitializationError, match=rf"no hub answers there.*: heronry softbus {path}$"):
+    with pytest.raises(can.CanInitializationError, match=rf"no bus answers there.*: heronry softbus {path}$"):
         SoftBus(str(path))
 
 
@@ -82,7 +91,7 @@ def test_what_is_no_frame_is_not_sent(hub: HubProcess, message: can.Message) -> 
 
 
 def test_a_second_hub_is_refused_and_the_first_goes_on(hub: HubProcess) -> None:
-    with pytest.raises(HubError, match="a hub runs there already"):
+    with pytest.raises(HubError, match="a bus runs there already"):
         start_hub(hub.path)
     assert_carries_frames(hub.path)
 
@@ -111,7 +120,7 @@ def test_a_file_is_never_overwritten(path: Path) -> None:
 
 @pytest.mark.parametrize("place", ["missing/bus", "x" * 200])
 def test_an_impossible_place_is_refused_in_a_sentence(tmp_path: Path, place: str) -> None:
-    with pytest.raises(HubError, match="no hub can run there"):
+    with pytest.raises(HubError, match="no bus can run there"):
         start_hub(tmp_path / place)
 
 
@@ -147,14 +156,14 @@ def test_a_hub_never_outlives_a_starter_that_is_killed(path: Path) -> None:
         assert process.stdout.readline().strip().isdecimal()
         with SoftBus(str(path)) as bus:
             process.kill()
-            with pytest.raises(can.CanOperationError, match="hub is gone"):
+            with pytest.raises(can.CanOperationError, match="bus is gone"):
                 bus.recv(PATIENCE_S)
     assert not path.exists()
 
 
 def test_a_bus_with_a_name_is_found_by_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with pytest.raises(can.CanInitializationError, match=r"^can0: no hub answers there.*: heronry softbus can0$"):
+    with pytest.raises(can.CanInitializationError, match=r"^can0: no bus answers there.*: heronry softbus can0$"):
         SoftBus("can0")
     command = [sys.executable, "-m", "heronry_tools", "softbus", "--until-eof"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:

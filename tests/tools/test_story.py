@@ -223,10 +223,22 @@ def test_the_story_tells_the_plan_of_the_epoch_that_runs_not_one_that_is_still_t
     assert any("servo_driver_1 stops" in line.text for line in lines)
 
 
-def test_an_epoch_that_was_abandoned_is_not_shown() -> None:
+def test_standstills_in_a_row_are_one_line_until_a_pe_is_lost() -> None:
+    story = Story(ELEVATOR)
+
+    def stood(at_ms: int, for_ms: int, by: str = "nav") -> int:
+        return len(story.tell(event("stood_still", at_ms * MS, by=by, for_ns=for_ms * MS, times=1)))
+
+    assert [stood(0, 30), stood(100, 25), stood(200, 31), stood(300, 31), stood(300, 22, "tail_pe")] == [1, 0, 1, 0, 1]
+    story.tell(event("pe_lost", 400 * MS, pe="nav", cause="silent", last_heard_ns=0))
+    assert [stood(410, 22), stood(500, 22), stood(2410, 22)] == [1, 0, 1]
+
+
+def test_an_epoch_that_was_abandoned_has_a_line() -> None:
     given_up = reconfiguration(10, 1, plan_after(None), "start")
     story = Story(ELEVATOR)
-    assert told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")]) == []
+    (line,) = told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")])
+    assert line.text == "[ start  ] epoch 1 is given up before it runs: a PE was lost"
     assert "epoch 2" in told(story, reconfiguration(20, 2, plan_after(None), "start"))[0].text
 
 
@@ -332,10 +344,25 @@ def test_the_clock_of_an_advising_manager_starts_with_its_first_advice(kind: str
             ),
         ),
         (event("logs", 0, folder="/tmp/f", kept=False), "the logs of all processes are in /tmp/f"),
-        (event("logs", 0, folder="/tmp/f", kept=True), "the logs of this run stay in /tmp/f"),
+        (
+            event("logs", 0, folder="/tmp/f", kept=True),
+            "the logs of this run stay in /tmp/f, until 5 later runs have kept theirs",
+        ),
+        (
+            event("overtime", 0, awaited=["tail_pe to join", "elevator to be heard"], at_most_s=15.0),
+            "the time is up; the demo waits, at most 15 s, for tail_pe to join; elevator to be heard",
+        ),
+        (
+            event("outages", 0, functions=[*"abcdefg"], over=True, shortest_ns=180 * MS, longest_ns=640 * MS),
+            "7 functions are heard again on the bus, after 180 to 640 ms of silence: a, b, c, d, e and 2 more",
+        ),
+        (
+            event("outages", 0, functions=[*"abcd"], over=False, shortest_ns=1000 * MS, longest_ns=1200 * MS),
+            "4 functions have not been heard for up to 1200 ms: a, b, c, d",
+        ),
         (
             event("module_failed", 0, element="module:servo", by="tail_pe", text="ValueError: no (servo.py:3)"),
-            "module:servo on tail_pe: ValueError: no (servo.py:3)",
+            "why module:servo failed on tail_pe: ValueError: no (servo.py:3)",
         ),
     ],
 )

@@ -7,6 +7,7 @@ replaced. Then every command is run on the file as it is by then, and the output
 
 import re
 import shlex
+import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +19,8 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
 
 TUTORIAL = Path("docs/tutorial.md")
-FILE = "my.dg.yaml"
-BLOCK = re.compile(r"^```(yaml|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FILE, CODE = "my.dg.yaml", "my_estimator.py"
+BLOCK = re.compile(r"^```(yaml|console|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROMPT = re.compile(r"^\$ heronry ", re.MULTILINE)
 HEADING = re.compile(r"^(?=\w+:)", re.MULTILINE)
 ENTRY = re.compile(r"(?:^  #.*\n)*^  \w+:.*\n(?:^    .*\n)*", re.MULTILINE)
@@ -30,6 +31,23 @@ Sections = dict[str, dict[str, str]]
 def blocks() -> Iterator[tuple[str, str]]:
     for block in BLOCK.finditer(TUTORIAL.read_text()):
         yield block[1], block[2]
+
+
+def code() -> str:
+    """The module that the reader writes."""
+    (block,) = re.findall(r"^```python\n(.*?)^```$", TUTORIAL.read_text(), re.MULTILINE | re.DOTALL)
+    return str(block)
+
+
+def shell(block: str) -> None:
+    """Type lines of a shell, but for flights, which tests/live/test_demo.py flies."""
+    for line in block.splitlines():
+        if line.startswith("heronry demo"):
+            continue
+        if line.startswith("heronry "):
+            assert main(shlex.split(line)[1:]) == 0, line
+        else:
+            subprocess.run(line, shell=True, check=True)
 
 
 def add(block: str, sections: Sections) -> None:
@@ -71,6 +89,7 @@ def test_every_command_shows_what_the_tutorial_shows(
 ) -> None:
     read = [*blocks()]
     monkeypatch.chdir(tmp_path)
+    Path(CODE).write_text(code())
     sections: Sections = {}
     commands = 0
     for language, block in read:
@@ -79,9 +98,12 @@ def test_every_command_shows_what_the_tutorial_shows(
             Path(FILE).write_text(text_of(sections))
             load(FILE)
             continue
+        if language == "sh":
+            shell(block)
+            continue
         for said in PROMPT.split(block)[1:]:
             command, _, shown = said.partition("\n")
-            assert FILE in command
+            assert FILE in command or CODE.removesuffix(".py") in command
             assert main(shlex.split(command)) == 0, command
             output = capsys.readouterr().out
             assert same(shown, output), f"{command} shows\n{output}"

@@ -105,7 +105,7 @@ def test_a_made_key_is_for_its_owner_alone_and_is_read_back(tmp_path: Path) -> N
 def test_a_key_is_never_written_over(tmp_path: Path) -> None:
     file = tmp_path / "fleet.key"
     file.write_text("precious")
-    with pytest.raises(KeyFileError, match="is there already"):
+    with pytest.raises(KeyFileError, match="exists already"):
         make_key(file)
     assert file.read_text() == "precious"
 

@@ -19,10 +19,9 @@ from heronry_wire.canaerospace import (
     decode_data,
     encode_data,
     encode_emergency_event,
-    join_double,
     pack_status,
-    split_double,
     unpack_status,
+    value_range,
 )
 from heronry_wire.frame import Frame, Malformed, WireError
 
@@ -98,15 +97,23 @@ def test_the_float_vector_is_pi_in_single_precision() -> None:
 def test_a_double_travels_in_two_halves() -> None:
     high = read(Frame(1036, bytes.fromhex("011E000040481199")))
     low = read(Frame(1036, bytes.fromhex("011F00019999999A")))
-    assert (high.value, low.value) == split_double(48.1375)
-    assert isinstance(high.value, int)
-    assert isinstance(low.value, int)
-    assert join_double(high.value, low.value) == 48.1375
+    assert (high.data_type, low.data_type) == (DataType.DOUBLEH, DataType.DOUBLEL)
+    assert struct.pack(">II", high.value, low.value) == struct.pack(">d", 48.1375)
 
 
-@given(st.floats(allow_nan=False))
-def test_every_double_survives_its_halves(value: float) -> None:
-    assert join_double(*split_double(value)) == value
+@pytest.mark.parametrize(
+    ("data_type", "least", "most"),
+    [
+        (DataType.FLOAT, -math.inf, math.inf),
+        (DataType.CHAR, -128, 127),
+        (DataType.BCHAR, 0, 255),
+        (DataType.LONG, -(2**31), 2**31 - 1),
+        (DataType.USHORT2, math.inf, -math.inf),
+        (DataType.NODATA, math.inf, -math.inf),
+    ],
+)
+def test_the_range_of_a_type_of_one_number(data_type: DataType, least: float, most: float) -> None:
+    assert value_range(data_type) == (least, most)
 
 
 def integers(bits: int, *, signed: bool) -> st.SearchStrategy[int]:

@@ -111,7 +111,7 @@ def test_what_means_nothing_here_does_not_come_and_echoes_still_do(hub: Path) ->
 
 
 def test_no_hub_is_one_sentence_with_a_remedy(tmp_path: Path) -> None:
-    with pytest.raises(LinkError, match="no hub answers there") as caught:
+    with pytest.raises(LinkError, match="no bus answers there") as caught:
         link_to(tmp_path / "nothing.sock")
     assert "\n" not in str(caught.value)
 

@@ -16,8 +16,6 @@ from heronry_wire.node_services import (
     answer,
     answer_delay_ns,
     answer_identification,
-    block_checksum,
-    block_data,
     decode_service,
     encode_service,
     read_identification,
@@ -60,6 +58,13 @@ def test_a_broadcast_is_answered_one_node_after_the_other() -> None:
     assert answer_delay_ns(one, 94) == 0
 
 
+def test_a_request_that_comes_twice_has_one_answer() -> None:
+    service = IdentificationService(93)
+    for _ in range(2):
+        assert service.asked(0, frame("080#00000000"), 0)
+    assert len(service.tick(MS)) == 1
+
+
 def test_time_is_given_to_all() -> None:
     message = request(Service.NSS, 0, data_type=DataType.ULONG, value=123456)
     assert encode_service(message) == frame("080#000401000001E240")
@@ -73,46 +78,13 @@ def test_a_configuration_is_stored_only_with_the_right_code() -> None:
     assert encode_service(refused) == frame("081#2A0006FD")
 
 
-def test_a_block_is_written() -> None:
+def test_a_block_is_begun_and_refused() -> None:
     start = request(Service.DDS, 42, data_type=DataType.MEMID, message_code=2, value=0xDEADBEEF)
     assert encode_service(start) == frame("080#2A150202DEADBEEF")
     ready = answer(start, 42, data_type=DataType.LONG, message_code=2, value=Result.XON)
     assert encode_service(ready) == frame("081#2A03020200000001")
-    sent = [encode_service(ServiceMessage(0, False, datum)) for datum in block_data(Service.DDS, 42, b"Hello!")]
-    assert sent == [frame("080#2A10020048656C6C"), frame("080#2A1302016F21")]
-    end = answer(start, 42, data_type=DataType.CHKSUM, message_code=1, value=block_checksum(b"Hello!"))
-    assert encode_service(end) == frame("081#2A16020100000215")
-
-
-def test_a_block_is_refused() -> None:
-    start = heard("080#2A150202BADBAD00")
     refused = answer(start, 42, data_type=DataType.LONG, message_code=2, value=Result.INVALID)
     assert encode_service(refused) == frame("081#2A030202FFFFFFFE")
-
-
-def test_a_block_is_read() -> None:
-    start = heard("080#2A15030200000007")
-    assert start == request(Service.DUS, 42, data_type=DataType.MEMID, message_code=2, value=7)
-    ready = answer(start, 42, data_type=DataType.LONG, message_code=2, value=Result.OK)
-    assert encode_service(ready) == frame("081#2A03030200000000")
-    sent = [encode_service(ServiceMessage(0, True, datum)) for datum in block_data(Service.DUS, 42, b"The cat")]
-    assert sent == [frame("081#2A10030054686520"), frame("081#2A1B0301636174")]
-    end = answer(start, 42, data_type=DataType.CHKSUM, message_code=1, value=block_checksum(b"The cat"))
-    assert encode_service(end) == frame("081#2A16030100000279")
-
-
-@given(st.binary(min_size=1, max_size=1020))
-def test_every_block_is_cut_into_numbered_messages(block: bytes) -> None:
-    parts = block_data(Service.DDS, 92, block)
-    assert [part.message_code for part in parts] == list(range(len(parts)))
-    payload = b"".join(encode_service(ServiceMessage(0, False, part)).data[4:] for part in parts)
-    assert payload == block
-
-
-@pytest.mark.parametrize("length", [0, 1021])
-def test_a_block_has_1_to_1020_bytes(length: int) -> None:
-    with pytest.raises(WireError, match="send 1 to 1020 at a time"):
-        block_data(Service.DDS, 92, bytes(length))
 
 
 def test_every_channel_of_the_plan_and_no_other() -> None:

@@ -1,1 +1,1 @@
-"""Watches and tries: command line, software bus, simulator, demo."""
+"""The tools around manager and agent: command line, analyses, reports, software bus, simulator, demo."""

@@ -1,4 +1,7 @@
-"""`python -m heronry_tools` is `heronry`: interruptions are handled before anything slow is imported."""
+"""`python -m heronry_tools` is the program `heronry`.
+
+Interruptions are handled before anything is imported that takes long.
+"""
 
 import sys
 

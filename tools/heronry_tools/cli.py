@@ -1,12 +1,14 @@
-"""The command `heronry`: one parser, one file per command, and nothing slow is imported before it is needed.
+"""The command `heronry`: one parser, one file per command.
+
+A module that loads slowly is imported only when it is needed.
 
 `command_table` names the commands; the help of all of them needs no more. A command file has `add_parsers(subparsers)`,
 which sets `run` (arguments -> exit code) on each of its parsers. What a command prints goes to the file of its -o
 (`console.output`).
 
 Exit codes, the same for every command: 0 the answer is yes, or done; 1 the answer is no: findings, a violation, a
-refusal; 2 what was typed cannot be used: an error that a user can fix is a `UserError`, one sentence on stderr. Ctrl-C
-ends with 130.
+refusal; 2 what was typed cannot be used. An error that a user can correct is a `UserError`, one sentence on stderr.
+Ctrl-C ends with 130.
 """
 
 import argparse
@@ -17,7 +19,8 @@ from importlib import import_module
 from heronry_tools.command_table import COMMANDS, GROUPS
 from heronry_tools.console.errors import UserError, exit_code
 from heronry_tools.console.output import run_into_its_file, settled
-from heronry_wire.command_parser import CommandParser, close, program_version
+from heronry_wire.command_parser import CommandParser, program_version
+from heronry_wire.spelling import close, meant
 
 _FIRST = """\
 Graceful degradation for CAN-bus avionics: plan, deploy, observe and test.
@@ -72,13 +75,12 @@ def _expect_command(name: str) -> None:
         remedy = f"did you mean {found}?" if found else f"the command comes first: heronry COMMAND {name}"
         raise UserError(f"there is no option {name} before a command; {remedy}")
     if name not in COMMANDS:
-        found = close(name, COMMANDS)
-        remedy = f"did you mean '{found}'?" if found else "'heronry --help' lists all commands"
+        remedy = meant(name, COMMANDS, "'heronry --help' lists all commands")
         raise UserError(f"there is no command '{name}'; {remedy}")
 
 
 def help_of_all() -> str:
-    """All commands, by what a person is about to do, one line each."""
+    """All commands, one line each, grouped by the task of the user."""
     return "\n".join([_FIRST, *_groups(), _LAST])
 
 

@@ -1,8 +1,8 @@
-"""The commands of `heronry`: what each is called, what it is for in one line, and beside which others help shows it.
+"""The commands of `heronry`: name, purpose in one line, and the group in which the help shows each.
 
-A new command is one entry here and one file below `commands/`. The groups stand in the order in which a person comes to
-need them. A line is at most 62 characters, so that the list fits a terminal of 80 columns, and says no more than what
-the command is for; `heronry COMMAND --help` teaches it.
+A new command is one entry here and one file below `commands/`. The groups stand in the order in which a user needs
+them. A line is at most 62 characters, so that the list fits a terminal of 80 columns. It says only what the command is
+for; `heronry COMMAND --help` teaches it.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ class Command:
     file: str = ""
 
     def module(self) -> str:
-        """Name of the file in `commands/`; where none is given it is the name of the command."""
+        """Name of the file in `commands/`; the name of the command if none is given."""
         return self.file or self.name.replace("-", "_")
 
 

@@ -38,7 +38,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """The findings about one file, and the lines of the file that have findings."""
+    """The findings about one file, and the source lines to which they refer."""
 
     file: str
     findings: tuple[Finding, ...]
@@ -49,7 +49,7 @@ class Assessed:
         return self.lines.get(number, "")
 
     def errors_alone(self) -> "Assessed":
-        """The same file without its warnings."""
+        """Give the findings about the file without the warnings."""
         return replace(self, findings=tuple(one for one in self.findings if one.severity is Severity.ERROR))
 
 
@@ -87,7 +87,7 @@ def lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
 def _told(
     findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
 ) -> tuple[list[Finding], set[Ignore]]:
-    """Give the findings to report, and the comments that suppressed other findings."""
+    """Give the findings to report, and the comments that suppress the other findings."""
     told: list[Finding] = []
     used: set[Ignore] = set()
     for finding in findings:

@@ -45,10 +45,10 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 class _Wiring:
-    """Who could produce and read each variable, over all modes of all modules; results are cached."""
+    """Which modules could produce and read each variable, over all modes of all modules; results are cached."""
 
     def __init__(self, spec: Spec) -> None:
-        self.demux_of = {name: demux.name for demux in spec.demuxes.values() for name in demux.branches}
+        self.demux_of = {name: things[0] for name, things in spec.exclusive_things().items()}
         self.givers: dict[str, dict[int, list[str]]] = {}  # variable -> version -> modules
         self._reads: dict[str, list[_Accepted]] = {}
         self._gives: dict[str, list[_Datum]] = {}
@@ -69,7 +69,7 @@ class _Wiring:
         return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
 
     def groups(self, leaf: Leaf) -> frozenset[str]:
-        """Modules that could be wired to a leaf; the branches of a DEMUX count as one, since only one of them runs."""
+        """Modules that could be wired to a leaf; the branches, or ends, of a DEMUX count as one: only one runs."""
         key = _accepted(leaf)
         if key not in self._groups:
             given = self.givers.get(leaf.variable, {}).items()
@@ -197,7 +197,10 @@ def _has_modes(subject: Subject, module: Module) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Possible:
-    """Tells whether the gates of a module could hold if as many other modules as possible ran; False only if proven."""
+    """Tells whether the gates of a module could hold if as many other modules as possible ran.
+
+    The answer is False only if it is certain that they cannot hold.
+    """
 
     module: Module
     wiring: _Wiring
@@ -212,7 +215,7 @@ class _Possible:
         return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
-        """Upper bound of the inputs that hold at once; a module gives one version of a variable at a time."""
+        """Upper bound of the number of inputs that hold at once; a module gives one version of a variable at a time."""
         leaves: dict[str, list[frozenset[str] | None]] = defaultdict(list)
         most = 0
         for expression in inputs:
@@ -235,7 +238,7 @@ class _Possible:
             leaf.accepts(mode.gives.get(leaf.variable, 0)) for mode in self.module.modes.values()
         ):
             return groups
-        return groups - {own}  # without other branches of this module's DEMUX: they do not run together
+        return groups - {own}  # without other branches, or ends, of this module's DEMUX: they do not run together
 
 
 def _flat(expression: Expression) -> Iterator[Expression]:
@@ -259,7 +262,7 @@ def _unused_variables(subject: Subject, findings: Findings) -> None:
 
 
 def _unused_gates(subject: Subject, findings: Findings) -> None:
-    """Find shorthands that no expression names; for a DEMUX the loader does this."""
+    """Find shorthands (named gates that are no DEMUX) that no expression names; for a DEMUX the loader does this."""
     draft = subject.loaded.draft
     named: set[str] = set()
     for module in draft.modules.values():
@@ -268,7 +271,9 @@ def _unused_gates(subject: Subject, findings: Findings) -> None:
         named |= set(yaml_source.texts(entry.node))
     for name in draft.shorthands.keys() - named:
         sentence = f"no expression names gate '{name}'"
-        findings.add(rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove it, or name it in `needs`")
+        findings.add(
+            rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove the gate, or name it in `needs`"
+        )
 
 
 def _unused_devices(subject: Subject, findings: Findings) -> None:

@@ -1,9 +1,9 @@
 """DG233 and DG245: plants that nothing can control, whatever runs.
 
 A plant is on a control path if a loop leads through it and through a module: from an actuator that moves it, or another
-plant that affects it, to a sensor that sees it, or a plant that it affects, and back. Here every module is taken to run
-in all its modes at once, and each input to be wired to all that it accepts: where even that makes no loop, none can be.
-heronry_pcs assesses what a plan makes of it.
+plant that affects it, to a sensor that sees it, or a plant that it affects, and back. The check assumes that every
+module runs in all its modes at once, and that each input is wired to everything that it accepts. If even then there is
+no loop, no plan can give one. heronry_pcs assesses the loops of a plan.
 """
 
 from collections import defaultdict
@@ -48,7 +48,7 @@ def _on_path(spec: Spec) -> set[str]:
 
 
 def _possible(spec: Spec) -> dict[_Node, list[_Node]]:
-    """What each module, device and plant could lead to."""
+    """Give for each module, device and plant the modules, devices and plants to which it could lead."""
     leads: dict[_Node, list[_Node]] = {
         **{("module", name): [] for name in spec.modules},
         **{("device", name): [] for name in spec.devices},

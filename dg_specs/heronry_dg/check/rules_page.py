@@ -56,7 +56,7 @@ def page(families: Sequence[Family]) -> str:
 
 
 def _family_table(family: Family) -> str:
-    fast = "part of `--fast`" if family.fast else "solves; not part of `--fast`"
+    fast = "part of `--fast`" if family.fast else "slow; not part of `--fast`"
     lines = [f"**{family.prefix}xx: {family.title}** ({fast})\n", "| code | name | severity |", "|---|---|---|"]
     for code, rule in sorted(family.rules.items()):
         severity = f"{rule.severity}, stops" if rule.stops else str(rule.severity)

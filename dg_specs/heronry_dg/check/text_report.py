@@ -35,7 +35,10 @@ def concise(files: Sequence[Assessed]) -> str:
 
 
 def by_code(files: Sequence[Assessed], rules: Mapping[str, Rule], *, colour: bool = False) -> str:
-    """How many findings there are of each code, before many of them; nothing before a few."""
+    """Write a list with the number of findings of each code, to be shown above the findings.
+
+    If there are only a few findings, the list is empty.
+    """
     counts = Counter((finding.severity, finding.code) for assessed in files for finding in assessed.findings)
     if counts.total() <= _FEW:
         return ""

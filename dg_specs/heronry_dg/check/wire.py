@@ -77,7 +77,7 @@ def lacks_identifiers(spec: Spec) -> bool:
 
 
 def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
-    """(module, variable) pairs that need an allocated identifier: all but the one that holds a standard identifier."""
+    """Give the (module, variable) pairs that need an allocated identifier: all pairs without a standard identifier."""
     standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
     pairs = []
     for pair in spec.sources():
@@ -122,7 +122,7 @@ def _type(subject: Subject, findings: Findings, name: str, standard: StandardIde
             f"variable '{name}' is of type {given}; {standard.can_id} ({standard.name}) is {listed(allowed, last='or')}"
         )
         place = subject.place("variables", name, "type")
-        findings.add(rules.STANDARD_TYPE, place, sentence, "take that type, or leave the identifier out")
+        findings.add(rules.STANDARD_TYPE, place, sentence, "give the variable that type, or leave the identifier out")
 
 
 def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:

@@ -1,7 +1,7 @@
 """DG2xx: the graph. These rules say that names refer to something, gates can hold, and declared elements are used.
 
-expression_reader.py, gate_rules.py and reference_rules.py check the rules that stop a spec from being loaded;
-check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
+expression_reader.py, gate_rules.py, reference_rules.py and demux_paths.py check the rules that stop a spec from being
+loaded; check/graph.py checks the others, from DG230 on, in a spec that loads. How a rule is added is shown in rule.py.
 """
 
 from typing import Final
@@ -40,6 +40,20 @@ def _lamps(first: str, second: str) -> str:
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
+    )
+
+
+def _paths(ends: str) -> str:
+    """Give a DEMUX with two branches, each of which leads on to an actuator; `ends`: its `to`."""
+    return (
+        "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
+        "  second_lamp: {kind: actuator, pe: nav}\n"
+        "variables:\n  speed: {type: FLOAT}\n  text: {type: FLOAT}\n  second_text: {type: FLOAT}\n"
+        f"functions: {{showing: {{output: light}}}}\ngates: {{light: {{demux: speed, {ends}}}}}\nmodules:\n{DRIVER}"
+        f"  writer: {{needs: light, gives: {{text: 1}}, {RUNS}}}\n"
+        f"  second_writer: {{needs: light, gives: {{second_text: 1}}, {RUNS}}}\n"
+        f"  display: {{device: lamp, needs: text, {RUNS}}}\n"
+        f"  second_display: {{device: second_lamp, needs: second_text, {RUNS}}}\n"
     )
 
 
@@ -252,7 +266,7 @@ BAD_OUTPUT = FAMILY.stop(
     "DG222",
     "bad-output",
     what="The `output` of a function is a gate that is not a DEMUX, or a name that both a module and a DEMUX have.",
-    why="A function is served when its output module runs, or one branch of its DEMUX.",
+    why="A function is served when its output module runs, or one branch (with `to`: one end) of its DEMUX.",
     fix="Name a module or a DEMUX, by a name that no other of them has.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: any_speed}}}}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: display}}}}\n",
@@ -271,7 +285,7 @@ VALUE_LENGTH = FAMILY.stop(
     "value-length",
     what="The `value` of a function does not have one number per mode of its output.",
     why="Each number says what the function is worth in that mode.",
-    fix="List as many numbers as the output has modes (of a DEMUX: as the branch with the most modes), best first.",
+    fix="List as many numbers as the output has modes (of a DEMUX: as the end with the most modes), best first.",
     bad="functions: {showing: {output: display, value: [100, 40]}}\n",
     good="functions: {showing: {output: display, value: [100]}}\n",
 )
@@ -293,6 +307,25 @@ WRONG_DEVICE = FAMILY.stop(
     fix="Name actuators in `moved_by` and sensors in `seen_by`.",
     bad="plants:\n  room: {moved_by: [lamp], seen_by: [lamp]}\n",
     good="plants:\n  room: {moved_by: [lamp], seen_by: [gps]}\n",
+)
+DEMUX_ENDS = FAMILY.stop(
+    "DG228",
+    "demux-ends",
+    what="`to` of a DEMUX does not name one end for each branch.",
+    why="A function with this output is served when an end runs. An end belongs to a branch if it can run with "
+    "everything up, and cannot without that branch; of two ends of one branch, or an end of none, no DEMUX chooses.",
+    fix="Name for each branch the module at which its path ends, often the driver of the actuator.",
+    bad=_paths("to: [display, driver]"),
+    good=_paths("to: [display, second_display]"),
+)
+DEMUX_WITHOUT_ENDS = FAMILY.stop(
+    "DG229",
+    "demux-without-ends",
+    what="A branch of a DEMUX drives no actuator, leads on to one, and the DEMUX has no `to`.",
+    why="The function would count as served as soon as the branch runs, though the actuator need not move.",
+    fix="Name under `to` the module at which each branch ends.",
+    bad=_paths("").replace("speed, }", "speed}"),
+    good=_paths("to: [display, second_display]"),
 )
 
 # These rules are checked in a spec that loads; those about unused parts only if all inputs can be wired.

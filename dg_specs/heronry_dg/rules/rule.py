@@ -94,7 +94,10 @@ class Family:
         return self._add(Rule(code, name, Severity.WARNING, **words))
 
     def echo(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
-        """Add a warning that an error of the family may cause."""
+        """Add a warning that may be only a consequence of an error of the family.
+
+        It is reported where the family has no error.
+        """
         return self._add(Rule(code, name, Severity.WARNING, echo=True, **words))
 
     def _add(self, rule: Rule) -> Rule:

@@ -54,7 +54,7 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
 
 
 def _radios(count: int) -> str:
-    """Give a gateway to `count` radios, beyond each of which a sensor is read."""
+    """Give a gateway with `count` wireless buses, and beyond each of them a PE that reads a sensor."""
     numbers = range(count)
     radios = "".join(f", r{number}: {{kind: wireless, bitrate: 250000, reserve: 0.5}}" for number in numbers)
     names = ", ".join(f"r{number}" for number in numbers)

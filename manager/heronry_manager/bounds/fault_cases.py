@@ -1,7 +1,8 @@
 """The faults whose reconfiguration gets a bound: every single fault of a spec, in the fault-free configuration.
 
-Each case is planned as the manager would plan it: by the given planner, with the running configuration to keep to. A
-device or module that the running plan does not use changes nothing, so no plan is made for it.
+Each case is planned as the manager would plan it: by the given planner, with as few changes to the running
+configuration as possible. A fault of a device or module that the running plan does not use changes nothing, so no plan
+is made for it.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,7 +40,7 @@ def count_plans(spec: Spec) -> int:
 
 
 def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
-    """Give the PEs and buses that may fail, with the PEs that fall silent then; a gateway counts as a bus, too."""
+    """Give the PEs and buses that may fail, each with the PEs that fall silent then; a gateway counts as a bus, too."""
     reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
     for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
         for name in names:

@@ -2,12 +2,13 @@
 
 The regular frames are those of semantics rule 9, the states that gateways forward to the manager, and page 1 with every
 tenth state. A reconfiguration adds frames (`Burst`), each once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and the
-answers of each PE; and with every beat a PING for each silent PE. Data and all other frames have lower priority, and
-block with one frame of 8 bytes.
+answers of each PE. It also adds, in every heartbeat period, a PING for each silent PE. Data and all other frames have
+lower priority; they delay a management frame by one frame of 8 bytes at most.
 
-The manager sends SLICE frames paced, one in the time of two (`reconfiguration`). A bus that cannot carry an endless
-stream at that pace may still carry the frames of one reconfiguration. So the analysis counts them once as a stream and
-once as a burst, and takes the smaller result; both are upper bounds. Behind a gateway they may come in a burst.
+The manager paces SLICE frames: it sends one in the time that two would take (`reconfiguration`). A bus that cannot
+carry an endless stream at that pace may still carry the frames of one reconfiguration. So the analysis counts the SLICE
+frames once as a stream and once as a burst, and takes the smaller result; both are upper bounds. Behind a gateway SLICE
+frames may come in a burst.
 
 A forwarded frame has a jitter of one of its periods. That holds as long as every response time is shorter than the
 period, which the caller must check. The bounds assume that no frame is lost or destroyed, and that nodes compute in no
@@ -85,10 +86,10 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """Give all frames that are more urgent than data, and two numbers that divide them.
+        """Give all frames that are more urgent than data, the most urgent first, and two numbers that divide this list.
 
-        The most urgent frame comes first: emergency events and commands, of which the first number counts both; EMCYs,
-        which the second number counts; then states and answers.
+        The list has first emergency events and commands, of which the first number is the count; then EMCYs, of which
+        the second number is the count; then states and answers.
         """
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [

@@ -1,20 +1,21 @@
 """The longest time of a reconfiguration, from the fault to the last ACTIVE: detect, decide, distribute, activate.
 
-    detect      a silent PE is declared after `misses` periods and a quarter of the bus on which it reports, counted
-                from its last state, which may still have been on its way when the PE fell silent. A report of a module
-                comes with one EMCY. A PE that returns sends within a period and is held down for ten more (twice as
-                long after each recent loss; the bound assumes none)
+    detect      a silent PE is declared down after `misses` periods and a quarter of the bus on which it reports. The
+                time counts from its last state, which may still have been on its way when the PE fell silent. A report
+                of a module comes with one EMCY. A PE that returns sends within a period and is held down for ten more
+                (twice as long after each recent loss; the bound assumes none)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
-                PE may still drive waits until T_lease has passed since the ALIVE that left it out when it was declared
+                PE may still drive waits for T_lease. That time begins when the PE is declared down, with the first
+                ALIVE that does not name it
 
 If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
-time. The bound counts from the last one, and includes the frames of the epochs that were begun for the others.
+time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.
 
 A bound holds for one fault at a time (a reported fault: by one module), without lost or destroyed frames, on nodes that
 compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first; then the bound
-treats the radio as a cable. A time of None has no bound, and `note` says why.
+treats the radio as a cable. If a time has no bound it is None, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -167,11 +168,11 @@ class Bounds:
         times = {bus: self._frames.on(bus, burst) for bus in self._spec.buses if bus in buses}
         crowded = [bus for bus, found in times.items() if found is None]
         if crowded:
-            raise CrowdedError(f"management alone can fill {' and '.join(crowded)}")
+            raise CrowdedError(f"management frames alone can fill {' and '.join(crowded)}")
         return {bus: found for bus, found in times.items() if found is not None}
 
     def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
-        """Give the frames under way while slices go out; of several epochs one may run, one be given up, one be new."""
+        """Give the frames under way while slices go out; one epoch may run, another be given up, and a third be new."""
         epochs = 3 if case.several else 1
         before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
         counts = {pe: self._slice_frames(pe, case, before, after) for pe in reached}
@@ -219,9 +220,9 @@ class Bounds:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
 
     def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
-        """Give the T_lease to wait for if silent PEs drove these DEMUXes, in nanoseconds; 0: none did."""
-        branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
-        drove = {running.pe for module, running in case.before.modules.items() if module in branches}
+        """Give the time in ns to wait for T_lease if silent PEs drove some of these DEMUXes; 0 if none did."""
+        rivals = {m for demux in demuxes for group in self._spec.demuxes[demux].exclusives.values() for m in group}
+        drove = {running.pe for module, running in case.before.modules.items() if module in rivals}
         return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
 
     def _up(self, pe: str, times: _Times) -> int:

@@ -89,7 +89,7 @@ def _at(names: Sequence[_T], index: int) -> _T:
 
 
 def worth_of(objective: Objective) -> tuple[int, ...]:
-    """Give the objective of a plan as ten numbers, none of them negative."""
+    """Give the objective of a plan as ten numbers, all of them 0 or more."""
     costs = (objective.changes, objective.branches, objective.bus_mbit_per_s, objective.cpu_millis)
     return (*objective.critical, objective.utility, objective.inputs, *costs)
 

@@ -1,9 +1,10 @@
-"""Plans made ahead, as a value: for every fault set up to a size, in several phases, with a safe mode for each phase.
+"""Plans made ahead, as a value: a plan for every fault set up to a size, in several phases, and a safe mode per phase.
 
-Configurations are kept once and numbered from 1, in the order in which PEs hold them on board: the fault-free ones, the
-safe modes, then those of single faults phase by phase, then those of two, and so on. Number 0 stands for none. PREPARE
-has 12 bits for a number (docs/protocol.md), so it can call configurations up to 4095. The same spec, scope and planner
-give the same numbers.
+Equal configurations are kept once. They are numbered from 1, in the order in which PEs hold them on board: the
+fault-free configurations, the safe modes, then those for single faults phase by phase, then those for two faults, and
+so on; last those for the places in use (`Scope.places`). Number 0 stands for none. PREPARE has 12 bits for a number
+(docs/protocol.md), so it can refer to configurations up to 4095. The same spec, scope and planner give the same
+numbers.
 """
 
 from collections.abc import Iterator, Mapping
@@ -13,7 +14,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective
 from heronry_manager.contingency.configuration_code import ConfigurationCode
-from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope, places_in_use
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class PhasePlans:
     safe_mode: int  # number of the configuration that serves critical functions only
     plans: tuple[Made, ...]  # each once
     by_fault_set: tuple[int, ...]  # index into `plans` for each fault set, in the order of `Scope.fault_sets`
+    by_place: tuple[tuple[str, int], ...] = ()  # each place in use, and the index of its plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ class Contingencies:
         for table in self.phases:
             for down, index in zip(self.scope.fault_sets(), table.by_fault_set, strict=True):
                 yield table.phase, down, table.plans[index]
+            for place, index in table.by_place:
+                yield table.phase, frozenset({place}), table.plans[index]
 
 
 def contingencies(
@@ -70,8 +74,18 @@ def contingencies(
         for phase in scope.phases:
             for down in scope.of_size(size):
                 numbers.of(outcomes[phase, down].configuration)
-    tables = tuple(_phase_plans(phase, safe[phase], scope, outcomes, numbers) for phase in scope.phases)
+    in_use = {phase: _places(spec, scope, outcomes[phase, frozenset()]) for phase in scope.phases}
+    for phase in scope.phases:
+        for place in in_use[phase]:
+            numbers.of(outcomes[phase, frozenset({place})].configuration)
+    tables = tuple(
+        _phase_plans(phase, safe[phase], scope, outcomes, numbers, in_use=in_use[phase]) for phase in scope.phases
+    )
     return Contingencies(spec.digest, scope, tuple(numbers.configurations), tables)
+
+
+def _places(spec: Spec, scope: Scope, fault_free: Outcome) -> list[str]:
+    return places_in_use(spec, fault_free.configuration) if scope.places and scope.faults else []
 
 
 def _phase_plans(
@@ -80,14 +94,19 @@ def _phase_plans(
     scope: Scope,
     outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
     numbers: "_Numbers",
+    *,
+    in_use: list[str],
 ) -> PhasePlans:
     plans: dict[Made, int] = {}
-    by_fault_set = []
-    for down in scope.fault_sets():
+
+    def index_of(down: FaultSet) -> int:
         found = outcomes[phase, down]
         made = Made(numbers.of(found.configuration), found.objective, found.optimal)
-        by_fault_set.append(plans.setdefault(made, len(plans)))
-    return PhasePlans(phase, safe_mode, tuple(plans), tuple(by_fault_set))
+        return plans.setdefault(made, len(plans))
+
+    by_fault_set = tuple(map(index_of, scope.fault_sets()))
+    by_place = tuple((place, index_of(frozenset({place}))) for place in in_use)
+    return PhasePlans(phase, safe_mode, tuple(plans), by_fault_set, by_place)
 
 
 class _Numbers:

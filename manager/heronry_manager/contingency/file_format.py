@@ -1,4 +1,4 @@
-"""The contingency file: format 1.
+"""The contingency file: format 2.
 
     8 bytes   "HERONRY" and the format's number
     32 bytes  digest of the spec's file (SHA-256)
@@ -6,14 +6,15 @@
     ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
-Numbers: faults; the elements (indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the
-configurations, as rows; for each phase the safe mode's number, its plans (number of the configuration, proven or not,
-ten integers of worth) and, for each fault set in the order of `Scope.fault_sets`, the index of its plan. So a fault set
-costs only that index.
+The numbers are, in this order: the number of faults; whether places in use are planned for (1 or 0); the elements
+(indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the configurations, as rows; and a
+part for each phase. That part has the number of the safe mode; the plans (number of the configuration, proven or not,
+ten integers of worth); for each fault set in the order of `Scope.fault_sets` the index of its plan; and for each place
+in use its PE, module and the index of its plan. So a fault set takes only the room of that index.
 
 The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
-It is compressed, because neighbouring configurations differ in a few modules. zlib and SHA-256 are in the standard
-library. A file with any error is not used; the error is one sentence with the remedy.
+It is compressed, because the configurations of similar fault sets differ in a few modules. zlib and SHA-256 are in the
+standard library. A file with any error is not used; the error is one sentence with the remedy.
 """
 
 import hashlib
@@ -30,7 +31,7 @@ from heronry_wire.errors import HeronryError
 from heronry_wire.packing import PackingError, Unpacker, pack
 
 _MAGIC = b"HERONRY"
-FORMAT = 1
+FORMAT = 2
 _HEAD_BYTES = len(_MAGIC) + 1 + 32 + 4
 _DIGEST_BYTES = 32
 _MOST_BYTES = 1 << 28  # unpacked; a file that claims more is not unpacked
@@ -60,16 +61,18 @@ def from_bytes(data: bytes, spec: Spec) -> Contingencies:
     """Decode the content of a file; raises ContingencyFileError."""
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
-        raise ContingencyFileError("this is no contingency file")
+        raise ContingencyFileError("the file is not a contingency file")
     if content[len(_MAGIC)] != FORMAT:
-        raise ContingencyFileError(f"it is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}")
+        raise ContingencyFileError(
+            f"the file is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}"
+        )
     if hashlib.sha256(content).digest() != digest:
-        raise ContingencyFileError("it is damaged: its checksum is wrong")
+        raise ContingencyFileError("the file is damaged: its checksum is wrong")
     if content[len(_MAGIC) + 1 :][:32].hex() != spec.digest:
-        raise ContingencyFileError(f"it was made for another spec, or another version of spec {spec.name}")
+        raise ContingencyFileError(f"the file was made for another spec, or another version of spec {spec.name}")
     try:
         return _read(Unpacker(_unpacked(content)), spec)
-    except (PackingError, IndexError, zlib.error) as error:
+    except (PackingError, IndexError, ValueError, zlib.error) as error:
         raise ContingencyFileError(f"it cannot be read ({error})") from None
 
 
@@ -86,42 +89,57 @@ def _body(made: Contingencies, spec: Spec) -> bytes:
     code = ConfigurationCode(spec)
     rows = [code.encode(configuration) for configuration in made.configurations]
     parts = [
-        pack([made.scope.faults, len(made.scope.elements), *(index[element] for element in made.scope.elements)]),
+        pack([made.scope.faults, int(made.scope.places), len(made.scope.elements)]),
+        pack([index[element] for element in made.scope.elements]),
         pack([len(made.phases), *(phases.get(str(table.phase), 0) for table in made.phases), len(rows)]),
         *(pack([len(row)]) + row for row in rows),
-        *map(_phase_body, made.phases),
+        *(_phase_body(table, spec) for table in made.phases),
     ]
     return b"".join(parts)
 
 
-def _phase_body(table: PhasePlans) -> bytes:
+def _phase_body(table: PhasePlans, spec: Spec) -> bytes:
+    modules, pes = list(spec.modules), list(spec.pes)
     numbers = [table.safe_mode, len(table.plans)]
     for plan in table.plans:
         numbers += [plan.number, int(plan.optimal), *worth_of(plan.objective)]
-    return pack([*numbers, len(table.by_fault_set), *table.by_fault_set])
+    numbers += [len(table.by_fault_set), *table.by_fault_set, 3 * len(table.by_place)]
+    for place, index in table.by_place:
+        module, _, pe = place.removeprefix("module:").partition("@")
+        numbers += [pes.index(pe), modules.index(module), index]
+    return pack(numbers)
 
 
 def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
-    faults, every = numbers.number(), elements(spec)
+    faults, places, every = numbers.number(), bool(numbers.number()), elements(spec)
     scope_elements = tuple(every[index] for index in numbers.numbers())
     names: tuple[Phase, ...] = (None, *spec.phases)
     phases = tuple(names[index] for index in numbers.numbers())
-    scope = Scope(scope_elements, faults, phases)
+    scope = Scope(scope_elements, faults, phases, places)
     code = ConfigurationCode(spec)
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
-    tables = tuple(_read_phase(numbers, phase, scope, configurations) for phase in phases)
+    tables = tuple(_read_phase(numbers, phase, scope, configurations, spec) for phase in phases)
     if numbers.left():
         raise PackingError("bytes are left over")
     return Contingencies(spec.digest, scope, configurations, tables)
 
 
-def _read_phase(numbers: Unpacker, phase: Phase, scope: Scope, configurations: tuple[Configuration, ...]) -> PhasePlans:
+def _read_phase(
+    numbers: Unpacker, phase: Phase, scope: Scope, configurations: tuple[Configuration, ...], spec: Spec
+) -> PhasePlans:
     safe_mode = _checked(numbers.number(), len(configurations))
     plans = tuple(_read_made(numbers, len(configurations)) for _ in range(numbers.number()))
     by_fault_set = tuple(numbers.numbers())
     if len(by_fault_set) != scope.set_count() or max(by_fault_set) >= len(plans):
         raise PackingError(f"the plans of phase {phase} do not fit its fault sets")
-    return PhasePlans(phase, safe_mode, plans, by_fault_set)
+    modules, pes, rest = list(spec.modules), list(spec.pes), tuple(numbers.numbers())
+    by_place = tuple(
+        (f"module:{modules[module]}@{pes[pe]}", index)
+        for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
+    )
+    if any(index >= len(plans) for _, index in by_place):
+        raise PackingError(f"a place in phase {phase} has no plan")
+    return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 
 def _read_made(numbers: Unpacker, known: int) -> Made:

@@ -1,11 +1,11 @@
-"""The answers that a sweep has found so far, on disk: a killed run loses only the plan that it was searching.
+"""The answers that a sweep has found so far, on disk: a killed run loses only the plan that it was searching for.
 
 The journal is a text file beside the contingency file that is being made; each line has a checksum (`checked_lines`).
-The first line names the spec's digest and the scope; every other line is an answer: phase, elements that are down,
-configuration as a row, worth, proven or not. Lines are only ever appended. A kill can cut the last one short: the next
+The first line names the spec's digest and the scope. Every other line is an answer: phase, elements that are down,
+configuration as a row, worth, proven or not. Lines are only ever appended. A kill can cut the last line short: the next
 start drops everything from the first bad line on. A journal of another spec or scope is written anew.
 
-Only one run at a time may write it; a lock ensures that, and the kernel releases it when the process ends.
+Only one run at a time may write a journal; a lock ensures that, and the kernel releases the lock when the process ends.
 """
 
 import fcntl

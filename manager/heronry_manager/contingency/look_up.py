@@ -1,26 +1,26 @@
 """The look-up of a plan that was made ahead for the present faults: in microseconds, without a solver.
 
 A plan made ahead was verified when it was made and when its file was checked. In flight the look-up only checks its
-precondition:
+three preconditions:
 
-    these elements are down    or a set with the same effect: a PE behind a dead gateway, a device on a dead PE and a
-                               module that has no PE left are down, whether the set names them or not
-    this phase holds
-    this configuration runs    the fault-free configuration of the phase, module by module. At the start, when nothing
-                               is down, it is enough that nothing is known to run, since changes cost nothing then
+    faults           the elements of its fault set are down, or a set with the same effect: a PE behind a dead gateway,
+                     a device on a dead PE and a module that has no PE left are down, whether the set names them or not
+    phase            the phase is that of the plan
+    configuration    the fault-free configuration of the phase runs, module by module. At the start, when nothing is
+                     down, it is enough that no running configuration is known, since changes cost nothing then
 
 A plan is put together when it is first looked up. The plans of single faults, with their reports, are put together at
 the start, since that takes longer than a look-up may.
 
 In any other case the planner must answer. While another configuration runs, a plan made ahead would be legal, but not
-the one with the fewest changes.
+the plan with the fewest changes.
 """
 
 from heronry_dg.losses import lost_of
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan, make_plan
-from heronry_dg.situation import Situation, elements, survivors
+from heronry_dg.situation import Situation, elements, places, survivors
 from heronry_manager.contingency.contingencies import Contingencies, Made
 from heronry_manager.planner.sweep import FaultSet, Phase
 
@@ -34,7 +34,8 @@ class ContingencyTable:
         self._running: dict[Phase, Placement] = {
             phase: placement(made.configuration(self._made[phase, frozenset()].number)) for phase in made.scope.phases
         }
-        self._implied = {element: _implied(spec, element) for element in elements(spec)}
+        named = [*elements(spec), *(place for module in spec.modules for place in places(spec, module))]
+        self._implied = {element: _implied(spec, element) for element in named}
         self._plans: dict[tuple[Phase, FaultSet], Plan] = {}
         for phase, down in self._made:
             plan = self.plan(down, phase, self._running[phase]) if len(down) <= 1 else None
@@ -71,5 +72,7 @@ class ContingencyTable:
 def _implied(spec: Spec, element: str) -> frozenset[str]:
     """Return the elements that count as down while this one is; no two elements imply each other."""
     left = survivors(spec, Situation(frozenset({element})))
-    homeless = (f"module:{module.name}" for module in spec.modules.values() if not left.hosts(module))
-    return (lost_of(left) | frozenset(homeless)) - {element}
+    hosts = {module.name: left.hosts(module) for module in spec.modules.values()}
+    homeless = (f"module:{name}" for name, pes in hosts.items() if not pes)
+    lost = (place for name, pes in hosts.items() for place in places(spec, name) if place.partition("@")[2] not in pes)
+    return (lost_of(left) | frozenset((*homeless, *lost))) - {element}

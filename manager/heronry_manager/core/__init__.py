@@ -1,1 +1,1 @@
-"""All that decides in the manager: state machines without a clock, a socket, a thread, a solver or a file."""
+"""The part of the manager that decides: state machines without a clock, a socket, a thread, a solver or a file."""

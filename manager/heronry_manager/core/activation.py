@@ -1,9 +1,9 @@
 """The steps of an epoch that every awaited PE has staged: BREAK first where need be, then GO, then GO_ALL.
 
-A PE must report BROKEN before any PE goes on if it gives up something exclusive (`exclusion`), has to make room on a
-bus (`transition`), or is reached by wire and runs a configuration that this term has not given it. The manager waits
-until an unavailable PE has stopped driving: before GO for identifiers, before GO_ALL for a DEMUX. `reconfiguration`
-says how long each step is repeated, and which PE owes an answer.
+A PE must report BROKEN before any PE goes on in three cases: it gives up something exclusive (`exclusion`); it has to
+make room on a bus (`transition`); or it is reached by wire and runs a configuration that this mastership has not given
+it. The manager also waits until an unavailable PE has certainly stopped driving: before GO for identifiers, before
+GO_ALL for a DEMUX. `reconfiguration` says how long each step is repeated, and which PEs must still answer.
 
 What the manager does not know: the configuration of a PE that reports an epoch which the manager has forgotten, or an
 unexpected digest. The manager waits for that PE, since anything else could put two drivers on one identifier.

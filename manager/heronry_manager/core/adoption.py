@@ -2,8 +2,8 @@
 
 The manager adopts if all available PEs that run anything are ACTIVE in one epoch, and no PE was seen on a newer epoch.
 The digest of that epoch must belong to the configuration that the manager remembers (`memory`) or has overheard, or to
-the plan that it would deploy. In every less clear case the manager opens a new epoch. A PE that is missing, or runs
-nothing, then counts as a fault like any other.
+the plan that it would deploy. In every less clear case the manager opens a new epoch. If a PE is missing, or runs
+nothing, the manager adopts all the same, and then treats that PE as a fault.
 
 What the manager does not know: what a silent PE runs. A silent PE may still hold the tokens that the epoch places there
 (`exclusion`). Before a PE hears this term, it may start the configuration of another manager.
@@ -51,8 +51,9 @@ class Adoption:
     def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
         """Give the remembered or overheard epoch if the PEs run it; else None.
 
-        PEs that run nothing, or are missing, do not prevent the adoption: they are treated as faults. The limits of the
-        radios at planning time are not remembered: the plan counts as made for their limits `now`.
+        PEs that run nothing, or are missing, do not prevent the adoption; they are treated as faults. The memory does
+        not hold the limits of the radios for which the plan was made, so the plan counts as made for their limits
+        `now`.
         """
         if runs is None:
             return None

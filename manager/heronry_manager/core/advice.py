@@ -1,10 +1,10 @@
 """The reports of a manager that only advises: what it would deploy, and what another manager was seen to deploy.
 
     advised    a plan was made that differs from the running configuration; the event `advice` lists the changes
-    adopted    the PEs report the advised or an overheard (`following`) configuration: what runs is known
+    adopted    the PEs report the advised configuration, or one that was overheard (`following`): what runs is known
     unknown    the PEs run any other configuration: what runs is not known, and nothing is advised
 
-A PE that reports the known configuration changes nothing. The next state makes up for a late or lost one.
+A PE that reports the known configuration changes nothing. If a state is late or lost, the next state makes up for it.
 """
 
 from heronry_dg.plan import Plan
@@ -24,7 +24,9 @@ class Advice:
         self._advised: tuple[Plan, int] | None = None  # the last advised plan, and its digest
 
     def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
-        """Emit the changes that deploying this plan would make; if the PEs run an `unknown` epoch, report that instead.
+        """Emit the changes that deploying this plan would make.
+
+        If the PEs run an `unknown` epoch, report that epoch instead.
 
         An overheard epoch that not all PEs run yet is not reported: `follow` will adopt it.
         """
@@ -46,7 +48,8 @@ class Advice:
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
         """Compare the configuration that the PEs run with the known one; tells whether it has just become known.
 
-        An advised or overheard configuration becomes known when the PEs run it. If they run any other, none is known.
+        An advised or overheard configuration becomes known when the PEs run it. If the PEs run any other configuration,
+        what runs is no longer known.
         """
         deployment = self._deployment
         observed = (deployment.observed.of[pe] for pe in self._health.available())

@@ -1,12 +1,13 @@
 """The active manager announces the phase, priorities and latched faults to the standby manager (CONTROL).
 
-The manager announces one fact at a time: a new fact with the next beat, the others in turn, one with every
-ANNOUNCED_EVERY-th beat. A fact is HOLDS with the phase, a latched fault or a changed priority; or CLEAR with a function
-that has the priority of the spec again, and for which requests were executed. Before each answer to a request the
-manager sends the phase or the priority, even if it was sent before: a standby manager that has just started knows only
-its journal. After a phase or a priority in its turn, the manager also sends which requests for it were executed. A PE
-uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a fact
-hears it again, and drops a fact that it has not heard for some turns (`known_situation`).
+The manager announces one fact at a time: a new fact with the next heartbeat, the others in turn, one with every
+ANNOUNCED_EVERY-th heartbeat. A fact is HOLDS with the phase, a latched fault or a changed priority; or CLEAR with a
+function that has the priority of the spec again, and for which requests were executed. Before each answer to a request
+the manager sends the phase or the priority, even if it was sent before: a standby manager that has just started knows
+only its journal. After a phase or a priority in its turn, the manager also sends which requests for it were executed.
+
+A PE uses only the phase, for the rules of phases (`phase_requests` of the agent). A standby manager that has missed a
+fact hears it again later. It drops a fact that it has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
@@ -45,9 +46,9 @@ class Announcer:
 
     def look(self) -> list[Fact]:
         """Give the facts that hold now; a fact that ends and holds again later is announced as new."""
-        places = map(self._situation.failed.place, self._situation.failed.elements)
-        held = sorted(place for place in places if place is not None)
-        facts = self._phase() + [(Operation.HOLDS, *place) for place in held]
+        fields = map(self._situation.failed.field, self._situation.failed.elements)
+        held = sorted(field for field in fields if field is not None)
+        facts = self._phase() + [(Operation.HOLDS, *field) for field in held]
         facts += self._situation.priorities.facts()
         if self._script.target is not None:
             facts.append((Operation.HOLDS, ElementKind.SCRIPT, 0))

@@ -1,10 +1,10 @@
-"""Authentication in a manager with a key: it tags every command, and accepts proven states alone (protocol rule 11).
+"""Authentication in a manager with a key: it tags every command, and accepts only proven states (protocol rule 11).
 
-What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`). A term is used once, since
-the driver has it on disk before the manager sends; so no number is used twice, whatever is restarted.
+*Commands out.* Each command is followed by its TAG, numbered in this term (`command_tags`). A term is used once, since
+the driver has it on disk before the manager sends; so no number is used twice, even after a restart.
 
-What comes in. A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
-opens a session when it answers the nonce that the PE sends in page 2: the session is the number of that answer, so a
+*States in.* A PE's state counts if the 24 bits in its page are the tag of its content, in a *session*. The manager
+opens a session when it answers the nonce that the PE sends in page 2. The session is the number of that answer, so a
 state recorded earlier proves nothing. The tag also covers the digest of the running or staged configuration, for which
 the frame has no room. The manager tries the digests that this PE may mean: the digest of the epoch as this manager
 knows it, and the digests that the PE has named in page 3.
@@ -16,27 +16,26 @@ manager tries every EMCY that it has heard from this PE, and forgets them when a
     offered       answers have gone out, and no state tagged with one of them has come
     open          page 0 is believed, and its digest is put back where the tag was
 
-A restarted PE requests a session by itself. To a PE that is heard, but cannot be believed for T_lease, the manager
-sends RENEW, and the PE requests a new session: the PE may have missed the answer that opened its session, or this
-manager too many states of the PE. If that changes nothing, an event reports the PE: it has another key, or none, or its
-receiver has failed.
+A restarted PE requests a session by itself. If a PE is heard, but cannot be believed for T_lease, the manager sends
+RENEW, and the PE requests a new session. The reason may be that the PE has missed the answer that opened its session,
+or that this manager has missed too many states of the PE. If RENEW changes nothing, an event reports the PE: it has
+another key, or none, or its receiver has failed.
 
-Guessing. A forger finds 24 bits by chance in 16 million tries. Once many tags of a PE were wrong, a state of that PE
+*Guessing.* A forger finds 24 bits by chance in 16 million tries. Once many tags of a PE were wrong, a state of that PE
 counts only if the tag of the state before was right as well: two in a row cannot be guessed. This lasts as long as
-wrong tags come, and a while longer. Then a lost frame costs the PE one more period; without lost frames there is no
-effect.
+wrong tags come, and a while longer. Meanwhile a lost frame makes the manager miss the PE for one more period; if no
+frame is lost, there is no effect.
 
-A standby manager follows the sessions that the active manager opens: it hears the nonce and the answer, and the TAG of
-the answer proves both. An answer that the standby manager has missed, or that is older than the session it knows, opens
-nothing.
+*Standby.* A standby manager follows the sessions that the active manager opens: it hears the nonce and the answer, and
+the TAG of the answer proves both. An answer that the standby manager has missed, or that is older than the session it
+knows, opens nothing.
 
-This manager believes another manager whose commands carry right tags with rising numbers; nothing else can end a
-mastership. A standby manager sends no nonce, so it finds the upper bits of the current number by trying. A command
-under this manager's own node-ID comes from a second manager only if its number is above this manager's last one; any
-other may be a replay of this manager's own commands.
+*Other managers.* This manager believes another manager whose commands carry right tags with rising numbers; nothing
+else can end a mastership. A standby manager sends no nonce, so it finds the upper bits of the current number by trying.
+A command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
+one; any other may be a replay of this manager's own commands.
 
 Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
-
 Pages 2 and 3, and the reports of gateways on radios, have no room for a proof. Pages 2 and 3 only name nonces and
 digests that the manager tries.
 
@@ -160,7 +159,7 @@ class Authenticity:
     # What goes out
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
-        """Put its TAG behind every command; then answer the nonces that have come."""
+        """Put the TAG of each command behind it; then answer the nonces that have come."""
         if self._signer.term != self._turn.term:  # this standby manager has taken over
             self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
         sealed: list[ManagerAction] = []
@@ -219,7 +218,7 @@ class Authenticity:
         held[emergency] = None
 
     def take_emergency(self, pe: str) -> bytes | None:
-        """Give the EMCY that the last page 0 has proven, once; None: it has proven none."""
+        """Give the EMCY that the last page 0 has proven, once; None if that page has proven no EMCY."""
         peer = self._peers[pe]
         proven, peer.proven = peer.proven, NO_EMERGENCY
         return proven or None
@@ -255,7 +254,7 @@ class Authenticity:
         return found
 
     def _was_mine(self, manager: int) -> bool:
-        """Tell whether the command that was just proven is a replay of this manager's own, from this term."""
+        """Tell whether the proven command is a replay of one that this manager itself has sent in this term."""
         mine = Place(self._signer.term, self._signer.number)
         return manager == self._turn.node and self._managers.places[manager] <= mine
 
@@ -280,7 +279,7 @@ class Authenticity:
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
-        """Find the session, number, digest and EMCY with which a tag is right; None: it is wrong."""
+        """Find the session, number, digest and EMCY with which a tag is right; None if the tag is wrong."""
         emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
         covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
         for one in peer.sessions():
@@ -291,7 +290,10 @@ class Authenticity:
         return None
 
     def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
-        """Take page 1 on an epoch of this mastership; its digest is the epoch's if the PE has staged it, else 0."""
+        """Take page 1 on an epoch of this mastership.
+
+        Its digest becomes the epoch's if the PE has staged the epoch, else 0.
+        """
         known = self._digest_of(page.staged_epoch)
         if known is None:
             return None
@@ -309,7 +311,7 @@ class Authenticity:
         return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
 
     def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
-        """Note that a page 0 was not believed; its tag counts as wrong only if a session was offered."""
+        """Note that a page 0 was not believed; its tag counts as wrong only if a session was offered to the PE."""
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):
             peer.refused += 1

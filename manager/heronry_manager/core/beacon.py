@@ -1,9 +1,9 @@
 """The active manager's regular frames: LEASE and ALIVE in every heartbeat period, PINGs, a CANopen heartbeat.
 
 LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up. ALIVE names the available PEs, and a
-PE that it does not name drives nothing exclusive (protocol rules 4 and 6). When a PE is no longer available, the
-manager sends an ALIVE without it immediately: T_lease begins then. The manager does not make up for a late beat: two
-beats in a row would carry nothing new.
+PE that ALIVE does not name drives nothing exclusive (protocol rules 4 and 6). When a PE is no longer available, the
+manager sends an ALIVE without it immediately: T_lease begins then. A *beat* is all frames of one heartbeat period. The
+manager does not make up for a late beat: two beats in a row would carry nothing new.
 """
 
 from heronry_wire.frame import Frame
@@ -18,7 +18,7 @@ class Beacon:
     """Builds the manager's regular frames, and numbers them."""
 
     def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
-        """Send a beat every `period_ns` from `first_ns` on (nanoseconds)."""
+        """Send a beat every `period_ns`, the first one at `first_ns` (nanoseconds)."""
         self.next_ns = first_ns
         self._node, self._period_ns = node, period_ns
         self._canopen_ns = first_ns

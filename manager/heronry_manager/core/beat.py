@@ -1,10 +1,10 @@
 """One beat of an active manager, and the frames that cannot wait for the next beat.
 
-In each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect (`beacon`), and one fact in turn
-for a standby manager (`announcing`). Between two beats the manager sends an ALIVE as soon as a PE is no longer
-available, since T_lease of that PE begins with it, and a PING to a PE that has just become suspect.
+A beat comes in each heartbeat period: LEASE, ALIVE with all available PEs, PING for each suspect PE (`beacon`), and one
+fact in turn for a standby manager (`announcing`). Between two beats the manager sends an ALIVE as soon as a PE is no
+longer available, since T_lease of that PE begins with it, and a PING to a PE that has just become suspect.
 
-The beat begins anew with each term. The next beat makes up for a lost one; no frame of a beat is acknowledged.
+Beats begin anew with each term. The next beat makes up for a lost one; no frame of a beat is acknowledged.
 """
 
 from collections.abc import Iterable
@@ -48,7 +48,7 @@ class Beat:
         return self._turn.now_ns >= self.beacon.next_ns
 
     def beat(self) -> None:
-        """Send LEASE, ALIVE, a PING to each suspect, and one fact for a standby manager, if one is due."""
+        """Send LEASE, ALIVE, a PING to each suspect PE, and one fact for a standby manager, if a fact is due."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
         known.situation.disagreements.beat()
@@ -67,16 +67,16 @@ class Beat:
         self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
-        """Note that a PE which the last ALIVE named is no longer available."""
+        """Note that a PE which the last ALIVE named is no longer available: an ALIVE without it must go out."""
         self._has_to_leave_out = True
 
     def leave_out(self) -> None:
-        """Send an ALIVE now if the last one named a PE that is lost since: T_lease of that PE begins with it."""
+        """Send an ALIVE now if the last one named a PE that is lost; with this ALIVE the T_lease of that PE begins."""
         if self._has_to_leave_out:
             self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
-        """Take note that an ALIVE of this manager is on the bus: T_lease of a PE that it leaves out begins now."""
+        """Note that an ALIVE of this manager is on the bus: T_lease of the PEs that it does not name begins now."""
         exclusion, pes = self._known.exclusion, self._settings.spec.pes
         if not exclusion.waits:
             return
@@ -109,7 +109,10 @@ class Beat:
         self._turn.send(Command.CONTROL, Control(self._turn.term, _ALL_NODES, operation, a, b))
 
     def _tell_accepted(self, told: int) -> None:
-        """Repeat which requests for what was told (a of CONTROL) were executed: a standby may have missed that."""
+        """Repeat which requests were executed for the phase or priority that was just announced (`told`).
+
+        A standby manager may have missed this when the requests were answered.
+        """
         kind, index = told & 0xFF, told >> 8
         if kind == ElementKind.PHASE:
             for pe, request in self._turn.memory.phase_requests.items():

@@ -1,25 +1,25 @@
 """Which functions have another priority than the spec gives them, and what may change it.
 
-    the operator    any priority of any function. It stands until the operator ends it
-    a module        a priority within the function's `priority_range`: its PE has sent a request (EMCY,
+    the operator    may set any priority of any function. It stands until the operator ends it
+    a module        may set a priority within the function's `priority_range`: its PE sends a request (EMCY,
                     PRIORITY_REQUEST). The last request counts
 
-A function has the *spec's* priority, one that a module has *requested*, or one that the operator has *ordered*. A
-change has the consequences of a fault: a plan, an epoch. The spec's criticality of the function stays.
+So the priority of a function is the *spec's*, or *requested* by a module, or *ordered* by the operator. A change has
+the same consequences as a fault: a new plan and a new epoch. The criticality of the function does not change.
 
     request, the priority may change    the priority changes
-    request, less than CHANGE_NS after  the request is neither executed nor acknowledged. The PE repeats it, so the last
-    the last request that changed one   of several requests is executed when the time is over
+    request within CHANGE_NS after the  the request is neither executed nor acknowledged. The PE repeats it, so the last
+    last one that changed a priority    of several requests is executed when the time is over
     request outside the range, or       acknowledged and refused, with an event that names the PE
     against the operator's order
-    order                               ordered, or the spec's. An order needs no waiting time
+    order                               the priority changes to the ordered one, or to the spec's; without waiting time
 
 A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up for each function
 until it restarts: a request that comes again, or after a later one, is acknowledged and has no further effect. A pause
-of the manager loses no request. A forged request changes a priority within the spec's range; the operator's order
-stands against it. A manager that restarts remembers priorities and numbers. A standby manager hears each changed
-priority in turn (CONTROL, HOLDS), the end of one once (CLEAR), and which requests were executed; it forgets a priority
-that it has not heard for three turns.
+of the manager loses no request. A forged request changes a priority within the spec's range; an order of the operator
+prevents that. A manager that restarts remembers priorities and numbers. A standby manager hears each changed priority
+in turn (CONTROL, HOLDS), the end of a change once (CLEAR), and which requests were executed. It forgets a priority that
+it has not heard for three turns.
 """
 
 from collections import Counter
@@ -45,7 +45,7 @@ _DEFAULT = "default"  # the priority of the spec, in events
 
 
 class ChangedPriorities:
-    """The priorities that differ from the spec's. What changes one gives the cause of a new plan."""
+    """The priorities that differ from the spec's. A method that changes one gives the cause of a new plan."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         """Begin with what is remembered."""
@@ -59,11 +59,11 @@ class ChangedPriorities:
         self._told_function: int | None = None  # the function whose priority another manager has just told
 
     def now(self) -> dict[str, int]:
-        """Give the changed priorities, by function."""
+        """Give the priorities that differ from the spec's, by function."""
         return {name: one.priority for name, one in self._changed.items()}
 
     def all(self) -> list[PriorityChanged]:
-        """Give every changed priority."""
+        """Give every priority that differs from the spec's, with its origin."""
         return list(self._changed.values())
 
     def facts(self) -> list[tuple[Operation, int, int]]:
@@ -77,7 +77,7 @@ class ChangedPriorities:
         return [one for (_, function), one in self._turn.memory.priority_requests.items() if function == name]
 
     def told(self, index: int) -> tuple[Operation, int, int]:
-        """Give operation, a and b of the CONTROL that tells the priority of the function with this index."""
+        """Give operation, a and b of the CONTROL that announces the priority of the function with this index."""
         changed = self._changed.get(self._functions[index].name)
         return (Operation.CLEAR, _place(index), 0) if changed is None else _held(index, changed)
 
@@ -92,13 +92,16 @@ class ChangedPriorities:
         return self._index[function]
 
     def order(self, function: str, priority: int | None) -> str | None:
-        """Set a priority for the operator (None: the spec's); gives the cause of a plan, or None: nothing changes."""
+        """Set a priority for the operator (None: the spec's).
+
+        Gives the cause of a plan, or None where nothing changes.
+        """
         if priority is None:
             return self._restore(function, _OPERATOR)
         return self._change(PriorityChanged(function, priority, by_operator=True), _OPERATOR)
 
     def requested(self, pe: str, incarnation: int, request: Emergency) -> list[str] | None:
-        """Take a PE's request; gives causes, or None where it is not to be acknowledged yet."""
+        """Take a PE's request; gives the causes of a plan, or None where the request is not to be acknowledged yet."""
         index, number = divmod(request.index, PRIORITY_REQUEST_NUMBERS)
         if index >= len(self._functions):
             return None
@@ -120,7 +123,7 @@ class ChangedPriorities:
         return [] if change is None else [change]
 
     def _refusal(self, function: Function, priority: int) -> str | None:
-        """Say why a request is refused; None: it is not."""
+        """Say why a request is refused; None where it is accepted."""
         held, bounds = self._changed.get(function.name), function.priority_range
         if bounds is None:
             return "the spec gives it no priority_range"
@@ -172,7 +175,7 @@ class ChangedPriorities:
     # What another manager tells
 
     def overheard(self, manager: int, told: Control) -> list[str] | None:
-        """Take a priority that the active manager tells; gives causes, or None: it is about none."""
+        """Take a CONTROL of the active manager; gives causes of a plan, or None where it is not about a priority."""
         kind, index = told.a & 0xFF, told.a >> 8
         is_priority = kind == ElementKind.PRIORITY and told.operation in (Operation.HOLDS, Operation.CLEAR)
         self._told_function = index if is_priority and index < len(self._functions) else None
@@ -194,7 +197,11 @@ class ChangedPriorities:
             self._accept(pe, incarnation, name, number)
 
     def held_no_longer(self, longest_beats: int) -> list[str]:
-        """Count a beat of the active manager, and restore what it has not told for so long; gives causes."""
+        """Count a heartbeat of the active manager; gives the causes of a plan.
+
+        A priority that the active manager has not announced for `longest_beats` heartbeats becomes that of the spec
+        again.
+        """
         self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
         late = [name for name, beats in self._untold.items() if beats > longest_beats]
         changes = [self._restore(name, "the active manager, which holds it no longer") for name in late]

@@ -1,7 +1,7 @@
 """From names to indices: the tables of the PEs, and the slices of a configuration.
 
-A table says once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. Both are
-pure functions of the spec, so a manager and a PE that hold the same spec digest mean the same thing by every index.
+A table tells a PE once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes per module. Both
+follow from the spec alone, so a manager and a PE that have the same spec digest give every index the same meaning.
 """
 
 from collections.abc import Iterator, Mapping
@@ -48,6 +48,7 @@ class Compiler:
         self._spec = spec
         self._module_index = {name: i for i, name in enumerate(spec.modules)}
         self._source_index = {source: i for i, source in enumerate(spec.sources())}
+        self._exclusive = frozenset(spec.exclusive_things())
         self._all_up = survivors(spec, Situation())
         self._radios = radios(spec)
 
@@ -106,7 +107,10 @@ class Compiler:
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
-        """Give the slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
+        """Give the slices for every PE of the spec and their digests.
+
+        The slice of a PE that has nothing to do has no bytes.
+        """
         stops = self._without_manager(configuration)
         slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
@@ -149,7 +153,7 @@ class Compiler:
             name=module.name,
             image=module.image,
             device=module.device,
-            demux=any(module.name in demux.branches for demux in self._spec.demuxes.values()),
+            demux=module.name in self._exclusive,
             movable=len(hosts_when_all_is_up(self._spec, module)) > 1,
             modes=tuple(
                 ModeEntry(

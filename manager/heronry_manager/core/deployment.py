@@ -1,17 +1,17 @@
 """From a plan to a running configuration: the current epoch, the epoch being prepared, and the PEs' reports on them.
 
-Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
-(`reconfiguration` says how each of them proceeds). The next one takes the current one's place when every awaited PE has
-staged it; if the situation changes before that, its number is abandoned. LEASE repeats the current one until then, and
-a PE that comes late is still served.
+There are two epochs at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out
+(`reconfiguration` says how each of them proceeds). The next epoch takes the current one's place when every awaited PE
+has staged it. If the situation changes before that, the next epoch is abandoned, and its number is not used again.
+LEASE repeats the current epoch until then, and a PE that comes late still gets its slice.
 
-Only state frames show what a PE runs (`observation`); a command does not. If a report cannot be right, the caller gets
-the cause as a sentence, and fails that PE: it runs nothing although it was configured, it runs what no manager
-commanded, or it cannot stage its slice.
+Only state frames show what a PE runs (`observation`); a command does not. A report can show that a PE must be failed:
+the PE runs nothing although it was configured, it runs what no manager commanded, or it cannot stage its slice. Then
+the caller gets the cause as a sentence, and fails that PE.
 
 *Admitting*: a PE that comes back, and has no module in the running plan, joins the current epoch; no other PE is
-disturbed. A PE with a module in that plan needs a new epoch, since other PEs must release exclusive things first. So
-does a PE that may have staged a newer epoch which was abandoned: no PE goes back to an older epoch.
+disturbed. A PE with a module in that plan needs a new epoch, since other PEs must release exclusive things first. A PE
+that may have staged a newer epoch, which was abandoned, needs a new epoch too: no PE goes back to an older epoch.
 
 *Overtaken*: a PE that was cut off, and is not available yet, may run a newer epoch, opened by a manager on its side of
 a broken bus. A PE that hears of the newer epoch drives nothing exclusive until it runs a still newer one (protocol rule
@@ -160,7 +160,7 @@ class Deployment:
         return "it runs nothing although it was configured" if seen.configured else None
 
     def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
-        """Give the tokens of the epochs that are newer than this one."""
+        """Give the tokens that the epochs newer than this one place on PEs."""
         return () if known is self.current else self.epochs.placed_since(known)
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
@@ -175,6 +175,8 @@ class Deployment:
                 epoch.not_on_board(pe, self._turn.now_ns)
             if page.reason not in _NO_REFUSAL:
                 self._turn.emit("pe_refused", pe=pe, epoch=epoch.epoch, reason=page.reason.name)
+                if page.reason is Reason.IMAGE:
+                    return None  # the PE also reports the module, and repeats that until it is heard
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
 
@@ -190,9 +192,14 @@ class Deployment:
 
     # From one epoch to the next
 
-    def stopped(self, module: str) -> None:
-        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it."""
-        self._stopped.add(module)
+    def stopped(self, module: str, pe: str | None = None) -> None:
+        """Note that a module which its PE had stopped was cleared: only a new epoch makes the PE start it.
+
+        pe: the PE that had stopped it; a module that runs on another PE now is not concerned.
+        """
+        runs_on = (self.running or {}).get(module)
+        if pe is None or (runs_on is not None and runs_on[1] == pe):
+            self._stopped.add(module)
 
     def is_overtaken_by(self, pe: str) -> bool:
         """Tell whether a PE runs a newer epoch than the last one that this manager opened."""
@@ -209,7 +216,7 @@ class Deployment:
     def runs(self, plan: Plan) -> bool:
         """Tell whether the PEs run this plan already; if so, it becomes the plan of the current epoch.
 
-        An available PE that does not run the current epoch is admitted to it, if it has no module there.
+        An available PE that does not run the current epoch is admitted to that epoch, if it has no module there.
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
@@ -227,7 +234,10 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether a late PE needs a new epoch: it has modules in this one, or may have staged a newer one."""
+        """Tell whether a late PE needs a new epoch.
+
+        It does if it has modules in the current epoch, or may have staged a newer one.
+        """
         return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
@@ -270,7 +280,7 @@ class Deployment:
             self.next = None
 
     def tick(self) -> list[str]:
-        """Repeat what was not acknowledged; gives the PEs that have owed an answer for too long."""
+        """Repeat what was not acknowledged; gives the PEs that have not answered in time."""
         if self._turn.silent:
             return []
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]

@@ -1,7 +1,7 @@
 """Epochs: how one is made of a plan, and which ones are remembered.
 
-An epoch is a plan that was compiled, given a number (`numbering`), and has its participants: the PEs that are available
-when it is opened. Participants that are reached by wire alone, and that the plan can command, are *awaited*. The state
+An epoch is a plan that was compiled and given a number (`numbering`). It has participants: the PEs that are available
+when it is opened. A participant is *awaited* if it is reached by wire alone and the plan can command it. The state
 frames of a PE beyond a dead gateway may still come, but no epoch waits for that PE (`reconfiguration` says how an epoch
 proceeds).
 
@@ -57,8 +57,8 @@ class Epochs:
     ) -> None:
         """Begin without an epoch.
 
-        on_board: the configurations that can be called by a number; None: there are none.
-        frames_per_command: 2 where each command has its TAG: slices then still take half of the bus, TAGs included.
+        on_board: the configurations to which a PREPARE can refer by number; None: there are none. frames_per_command: 2
+        where each command has its TAG: slices then still take half of the bus, TAGs included.
         """
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self._observed, self._on_board = observed, on_board
@@ -107,7 +107,10 @@ class Epochs:
         )
 
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
-        """Make these PEs participants; if the plan can command no PE, all that are reached by wire are awaited."""
+        """Make these PEs participants of an epoch.
+
+        If the plan can command no PE, all PEs that are reached by wire are awaited.
+        """
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
         reaches_nobody = not any(pe in reached for pe in self._health.available())
         return [
@@ -135,7 +138,7 @@ class Epochs:
         return self._known.get(number)
 
     def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
-        """Give the tokens of the epochs that are newer than this one."""
+        """Give the tokens that the epochs newer than this one place on PEs."""
         return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
 
     def remember(self, epoch: Reconfiguration) -> None:

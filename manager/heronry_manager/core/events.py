@@ -75,7 +75,9 @@ KINDS: Mapping[str, str] = {
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
     "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
-    "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
+    "outage": "function, from_ns, to_ns (null: not back yet), gathered: its outputs were not heard on the bus",
+    "outages": "functions, over, shortest_ns, longest_ns: the outages before it (gathered), for one line of the story",
+    "overtime": "awaited, at_most_s: the time of the demo is up, and it still waits for these",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",
 }
 

@@ -1,32 +1,34 @@
 """Which PE may still drive what: the manager's half of "break before make" (protocol rule 6).
 
-A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
-run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that the PE may be running places the
-token there:
+A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME` for its branches, `demux:NAME.to` for the
+ends of its `to`), or the identifiers of a module that may run on several PEs (`module:NAME`). A PE *holds* a token when
+a configuration that the PE may be running places the token there:
 
-    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on; every token that could be placed
-             there, when the PE is found running another manager's configuration, or has not been heard when a
+    gains    the tokens of a configuration, from the first ACTIVATE of its epoch on. Every token that could be placed
+             on the PE, when the PE is found running another manager's configuration, or has not been heard when a
              mastership begins
-    keeps    only the tokens of that epoch and of newer ones, once the PE has reported that epoch (it is BROKEN or
-             further): it may take up a newer epoch without a further report
-    loses    all tokens as a new incarnation. The tokens of modules, once the PE is declared down for its silence, and
-             the silence has lasted for three periods and a quarter of the slowest bus on the way to the PE (`misses`
-             may be fewer, and a gateway may beat more slowly): the PE sends a module's frames for two periods after it
-             has heard another node, which may have been a period after its last state, and so does the gateway that
-             forwards them. Any other token, T_lease after the first ALIVE on the bus that does not name the PE: it may
-             have heard other nodes until then, and has stopped by itself T_lease later
+    keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
+             epochs, since the PE may take up a newer epoch without a further report
+    loses    all tokens, when the PE is a new incarnation. The tokens of modules, when the PE was declared down for its
+             silence, and the silence has lasted for three periods and a quarter of the slowest bus on the way to the
+             PE. Any other token, T_lease after the first ALIVE on the bus that does not name the PE: until then the PE
+             may have heard other nodes, and T_lease later it has stopped by itself
+
+Why three periods and a quarter, where `misses` may be fewer: the PE sends a module's frames for two periods after it
+has heard another node, and it may have heard one a period after its last state. The same holds for the gateway that
+forwards these frames, and a gateway may have a longer period.
 
 Both times count only while this manager runs. The manager has a beat in every heartbeat period: a longer gap between
 two of its steps was a pause or a jump of its clock, and the manager cannot tell which. So nothing of that gap counts:
 if the clock jumped just after a step, no time may have passed at all. A jump that ends within a period counts as time.
 
-Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
+Lost: a state that the manager misses frees nothing. A PE that misses an ALIVE stops earlier than is assumed here. Late
 or doubled: a late page 0 has no effect (`deployment`). A manager that restarts knows nothing, and counts T_lease from
 its first ALIVE on for each PE that it does not hear.
 
-What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that was failed
-although it sends (it does not acknowledge) goes on sending until it hears an ALIVE that does not name it: then the
-identifiers wait as well.
+What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that sends but
+does not acknowledge is failed as well. It goes on sending until it hears an ALIVE that does not name it, so then the
+identifiers wait too.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -42,7 +44,10 @@ class Exclusion:
     """Tokens held by each PE, as far as the manager can know."""
 
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
-        """`tells_departures`: the driver calls `said` when an ALIVE is on the bus; else `named` counts as that."""
+        """tells_departures: the driver calls `said` when an ALIVE is on the bus.
+
+        Without it a call of `named` counts as that.
+        """
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
             pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
@@ -55,7 +60,7 @@ class Exclusion:
         self._slept_ns = dict.fromkeys(spec.pes, 0)  # pauses of this manager since each PE was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
-        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._things = spec.exclusive_things()
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         for module in spec.modules.values():
             for pe in hosts_when_all_is_up(spec, module):
@@ -69,15 +74,13 @@ class Exclusion:
         return placed
 
     def _tokens_of(self, module: str) -> set[str]:
-        tokens = set()
-        if module in self._demux_of:
-            tokens.add(f"demux:{self._demux_of[module]}:{module}")
+        tokens = {f"demux:{thing}:{module}" for thing in self._things.get(module, ())}
         if module in self._movable:
             tokens.add(f"module:{module}")
         return tokens
 
     def begun(self, now_ns: int, available: Collection[str]) -> None:
-        """Begin a mastership: any PE that is not heard may have been named until now, and may drive anything."""
+        """Begin a mastership: a PE that is not heard may drive anything, since an ALIVE may have named it until now."""
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()
         for pe in self._spec.pes.keys() - set(available):
@@ -129,11 +132,14 @@ class Exclusion:
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
-        """Let a PE's identifiers run out: it was declared down for its silence, and last heard at `heard_ns`."""
+        """Let the identifiers of a PE that was declared down for its silence run out.
+
+        It was last heard at `heard_ns`.
+        """
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
-        """Give a PE every token that could be placed there: it may run another manager's configuration."""
+        """Give a PE every token that could be placed on it, because it may run another manager's configuration."""
         self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
@@ -165,7 +171,7 @@ class Exclusion:
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
-        """Give the tokens that `pe` holds and must give up, because this configuration has a holder on another PE."""
+        """Give the tokens that `pe` holds and must give up, because this configuration places them on another PE."""
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}
@@ -176,6 +182,6 @@ def _is_demux(token: str) -> bool:
 
 
 def _exclusive_thing(token: str) -> str:
-    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`."""
+    """Give the thing that a token stands for: `demux:NAME:BRANCH` is a token for `demux:NAME`, as is one of `to`."""
     kind, name = token.split(":")[:2]
     return f"{kind}:{name}"

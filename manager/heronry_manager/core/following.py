@@ -1,28 +1,28 @@
 """A standby manager follows the active one: it listens, learns, and takes over (protocol rule 7).
 
-    following   LEASEs of the highest term come; the standby manager notes what the active one holds (phase, latched
+    following   LEASEs of the highest term come. The standby manager notes what the active one announces (phase, latched
                 faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
                 makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
-                manager, each heard within T_lease (of its own bus, where that beats more slowly), report that they hear
-                no LEASE either: the active manager is gone, and it is not only the wire of this one
+                manager, each heard within T_lease (of its own bus, where that period is longer), report that they hear
+                no LEASE either. So the active manager is gone, and not only the wire of this manager is broken
     behind      LEASEs come with a lower term than one that is known to have been used, and some PE reports that it
                 hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for ever. For
-                `LEARNS_LEASES` times T_lease this manager learns what the other one holds; then it takes over with a
-                term that all PEs accept
+                `LEARNS_LEASES` times T_lease this manager learns what the other one announces; then it takes over with
+                a term that all PEs accept
 
 If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
 just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
 manager waits for three times T_lease: a first manager that is being started now still goes first.
 
-With a key, this manager may hear PEs that it cannot believe: a manager that was started after the sessions were opened
+With a key, this manager may hear PEs that it cannot believe. A manager that was started after the sessions were opened
 knows none of them, and while no manager is active no session is opened. If such PEs did not count, no manager might
-ever take over. So the unproven states of a PE count if it has proven none within T_lease. This manager itself has heard
-no LEASE for as long. A forger can make this manager active too early, but can command nothing. The next mastership
-waits for those PEs (`unbelieved`), as after a restart: they prove themselves once they have heard it.
+ever take over. So the unproven states of a PE count if the PE has proven none within T_lease; this manager itself has
+heard no LEASE for as long. A forger can make this manager active too early, but can command nothing. The next
+mastership waits for those PEs (`unbelieved`), as after a restart: they prove themselves once they have heard it.
 
-Lost: a LEASE that is missed here alone leads to no take-over, since the PEs have heard it. Late, doubled: nothing
-happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease; forged states of more than half of the PEs,
+Lost: a LEASE that only this manager misses leads to no take-over, since the PEs have heard it. Late, doubled: nothing
+happens twice. Forged: a LEASE keeps the standby manager quiet for T_lease. Forged states of more than half of the PEs,
 while the active manager is silent, make the standby manager take over, and then the true manager ends or stands by.
 This manager ignores a manager with a lower term than another one, for as long as the one with the higher term sends.
 Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept follows
@@ -111,7 +111,7 @@ class Following:
         return ()
 
     def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether this is an ALIVE of the manager that is followed: a fact came with it, if one was due."""
+        """Tell whether this is an ALIVE of the manager that is followed; if a fact was due, it came with this ALIVE."""
         return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
@@ -193,7 +193,10 @@ class Following:
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Tell by PE heard within T_lease whether it hears a LEASE; a proven state comes before an unproven one."""
+        """Give for each PE heard within T_lease whether it hears a LEASE.
+
+        A proven state counts before an unproven one.
+        """
         return self._recently(self._unproven) | self._recently(self._said)
 
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:

@@ -3,12 +3,12 @@
 Each PE has one record. Only the frames of the PE and time change its standing, never a command: WAITING, UP, SUSPECT,
 DOWN or RETURNING, as the table in `standing` says.
 
-A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
-return together. So does a PE that reports UNCONFIGURED although it was given a configuration (`lost_configuration`). A
-PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. Its losses are forgiven when
-it has been available for a minute, or by the operator (`forgive`). Where all PEs fall silent together, it is this
-manager that hears none: their losses are discounted (`discount_losses`). Else a manager whose receiver fails now and
-then would find all PEs of its aircraft in quarantine.
+A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. It counts as a
+fault and a return together. So does a PE that reports UNCONFIGURED although it was given a configuration
+(`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine.
+Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all PEs fall
+silent together, this manager itself hears nothing, and the losses of the PEs are discounted (`discount_losses`).
+Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in quarantine.
 
 A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports this for longer
 than T_lease of the slowest bus on the way to it, while the manager sends, has certainly released everything exclusive,
@@ -18,15 +18,15 @@ configuration goes on.
 
 A mastership that follows another one may hear a PE that was available to the previous manager, but has proven nothing
 to this one yet (`await_again`). That PE is WAITING again. ALIVE names it until the window closes, and nothing that it
-drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE that was
-available to the previous manager to the last, and still runs that manager's configuration, is not held down
-(`inherited`): only this manager did not hear it.
+drives is given to another PE meanwhile. The manager does not wait for a PE that has stopped sending. A PE is not held
+down if it was available to the previous manager to the last, and still runs that manager's configuration (`inherited`):
+only this manager did not hear it.
 
 A PE that the operator has *barred* stays DOWN, whatever it sends, until the operator lets it in again.
 
-Time: a beat is late a quarter of a period after it was due; a PE is declared down `misses` periods and a quarter after
-its last beat, so that a beat on its way when the last period ends still counts. A pause of the manager is held against
-no PE: the driver hands over all frames before it lets a deadline pass.
+Time: a beat is late a quarter of a period after it was due. A PE is declared down `misses` periods and a quarter after
+its last beat, so that a beat on its way when the last period ends still counts. A pause of the manager makes no PE
+late: the driver hands over all frames before it reports a deadline.
 """
 
 from collections.abc import Iterable
@@ -154,7 +154,7 @@ class Health:
         return self._records[pe].incarnation
 
     def said_incarnation(self, pe: str, since_ns: int) -> int | None:
-        """Give a PE's incarnation, proven or not, if it has not changed since `since_ns`; else None."""
+        """Give a PE's incarnation, proven or not, if it has not changed since `since_ns`; None otherwise."""
         record = self._records[pe]
         return record.said if record.said_since_ns <= since_ns else None
 
@@ -178,7 +178,7 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether no PE is available, and every PE that was ever heard has been silent for its `misses`.
+        """Tell whether no PE is available, and every PE that was ever heard has been silent for its `misses` periods.
 
         If no PE was ever believed, the unproven states count.
         """
@@ -190,7 +190,10 @@ class Health:
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def discount_losses(self) -> list[str]:
-        """Discount the losses after the last frame of any PE, as this manager hears none; gives the PEs concerned."""
+        """Discount the losses after the last frame of any PE, because this manager itself heard nothing.
+
+        Gives the PEs whose losses were discounted.
+        """
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         discounted = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
         for record in discounted:
@@ -251,7 +254,10 @@ class Health:
         return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
     def in_flight(self, now_ns: int) -> None:
-        """Shorten the start-up window: some PE runs a configuration, so any working PE is heard within its misses."""
+        """Shorten the start-up window, because some PE runs a configuration: the aircraft flies.
+
+        So every working PE is heard within its `misses` periods.
+        """
         if self._window_closes_ns is None:
             return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
@@ -268,7 +274,7 @@ class Health:
                 self._window_closes_ns = now_ns + window_ns
 
     def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
-        """Let in PEs that were available to the previous manager, and still run what it gave them."""
+        """Make PEs available that were available to the previous manager, and still run its configuration."""
         return [
             self._join(record, now_ns, StandingEvent.INHERITED, "it was available to the previous manager")
             for record in map(self._records.__getitem__, sorted(pes))
@@ -315,10 +321,10 @@ class Health:
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
-        """Take together all PEs that a gateway no longer hears out of use.
+        """Take all PEs out of use that a gateway no longer hears.
 
-        A PE that has missed its periods here too is LOST. Any other is FAILED: it may still drive its outputs, so a
-        false report of a gateway frees nothing.
+        A PE that this manager has not heard for its `misses` periods either is LOST. Any other is FAILED: it may still
+        drive its outputs, so a false report of a gateway frees nothing.
         """
         changes: list[HealthChange] = []
         for record in map(self._records.__getitem__, pes):

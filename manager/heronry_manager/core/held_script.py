@@ -3,20 +3,23 @@
 The core knows no component graphs. An order names the *target*: the configuration that the script makes of the one that
 runs. There are two targets at most:
 
-    asked   the target is legal now. The core has requested the best plan of the situation, and compares the two
-    held    the target was not worse at level 1. It is an epoch, like any plan, and stays: no better plan is sought in
-            the background, and contingencies do not apply (`RequestPlan.target`)
+    asked   the target is legal now. The core has requested the best plan of the situation, and will compare the target
+            with it
+    held    the target was not worse at level 1 than that plan. It runs as an epoch, like any plan, and stays: the core
+            seeks no better plan in the background, and contingencies do not apply (`RequestPlan.target`)
 
 A target that is asked for is refused if it is worse at level 1 than the best plan, if there is no plan, or if the
-situation changes before the plan comes. A held one ends when the operator releases it, another script takes its place,
-this mastership ends, or in another situation the target is not legal, or worse at level 1 than the plan for it. A
-change of the situation before ACTIVATE does not end it otherwise: the target becomes another epoch.
+situation changes before the plan comes.
 
-The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that;
-so does, without a report, a restart: the PEs go on with what they run, and the next mastership seeks the best plan.
+A held target ends when the operator releases it, when another script takes its place, or when this mastership ends. It
+also ends if in another situation the target is not legal, or is worse at level 1 than the plan for that situation. Any
+other change of the situation before ACTIVATE does not end it: the target becomes another epoch.
 
-An answer of the planner that is lost, late or doubled is dropped by its number (`planning`); the next change of the
-situation then refuses what was asked for.
+The active manager announces a held script (`announcing`). A standby manager that takes over ends it, and reports that.
+A restart ends it too, without a report. The PEs go on with what they run, and the next mastership seeks the best plan.
+
+If an answer of the planner is late or doubled, its number shows that, and the answer is dropped (`planning`). If an
+answer is lost, the next change of the situation refuses the target that was asked for.
 """
 
 from typing import Any
@@ -48,7 +51,7 @@ class HeldScript:
         return self._asked is not None
 
     def status(self) -> dict[str, Any]:
-        """Give the state (none, asked, held, refused, ended) and, of the last two, why."""
+        """Give the state (none, asked, held, refused, ended) and, for the last two, the reason."""
         if self.is_asked:
             return {"state": "asked", "why": None}
         if self.target is not None:
@@ -66,7 +69,7 @@ class HeldScript:
         self._turn.emit("script_refused", reason=reason)
 
     def end(self, reason: str) -> None:
-        """End a script that is held, here or by the manager before."""
+        """End a script that is held, by this manager or by the one before."""
         self.target, self._last = None, ("ended", reason)
         self._turn.emit("script_ended", reason=reason)
 
@@ -80,11 +83,11 @@ class HeldScript:
         return was_asked or was_held
 
     def mastership_ends(self) -> None:
-        """End all, since this manager no longer commands."""
+        """End all targets, since this manager no longer commands."""
         self._turned("this mastership has ended", is_legal=False)
 
     def situation_changed(self, now: Situation, cause: str) -> None:
-        """Refuse what is asked for, and end what is held if it is not legal any more."""
+        """Refuse a target that is asked for, and end a held target that is not legal any more."""
         if not self.is_asked and self.target is None:
             return
         broken = [] if self.target is None else verify(self._spec, now, self.target)
@@ -98,7 +101,10 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare with the plan for this situation; gives the plan of a target that may fly instead, or None."""
+        """Compare the target with the plan for this situation.
+
+        Gives the plan of the target if it may fly instead, or None.
+        """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)
             if plan is not None:

@@ -89,7 +89,7 @@ class Inbound:
             self._command(*self._manager_ids[frame.can_id], frame)
 
     def tick(self) -> None:
-        """Send the answer to a request for identification, where one is due."""
+        """Send the answer to a request for identification, if an answer is due."""
         self._turn.ask(*self.identification.tick(self._turn.now_ns))
 
     def _state(self, pe: str, data: bytes) -> None:

@@ -1,7 +1,7 @@
 """What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
 
-What is remembered (`memory`) survives: the new objects start with it. The parts that act hold this one object, and look
-up in it at each call what is known now.
+What is remembered (`memory`) survives: the new objects start with it. The parts of the core that act hold this one
+object, and look up in it at each call what is known now.
 
     health          which PEs are available
     exclusion       what silent PEs may still drive
@@ -9,9 +9,9 @@ up in it at each call what is known now.
     deployment      what runs, what is being prepared, and what each PE reports that it runs
     advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does
-    script          what a script of the operator leads to
+    script          the target of a script of the operator
     authenticity    with a key: what has been proven; else None
-    details         what PEs keep for people; nothing is decided by it, and it is not forgotten
+    details         what PEs store for people to read; it decides nothing, and it is not forgotten
 """
 
 from heronry_manager.core.advice import Advice

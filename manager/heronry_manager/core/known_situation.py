@@ -6,12 +6,13 @@ Each change returns its consequences as values, in the order in which `reactions
     PlanNeeded        the running plan was made for another situation
     LimitChanged      a radio has another limit: the running plan may still be the best one
     PeAsked           a module suspects a PE
-    TargetAsked       the operator wants what a script leads to; TargetReleased: no longer
+    TargetAsked       the operator orders the target of a script
+    TargetReleased    the operator ends a script
     ModuleReleased    a module that its PE had stopped was cleared: only a new epoch starts it
 
 Down are all elements with a latched fault (`latched_faults`), and all PEs that are not available (`health`).
 `radio_links` gives the remaining bandwidth of each radio, `mission_phase` the phase and `changed_priorities` the
-priorities; `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
+priorities. `lost_channels`, `module_notices` and `restarts_told` serve reports, and change no plan. The head of each
 file says what follows from a lost, late, doubled or forged message.
 
 A PE with a latched fault is barred: whatever it sends, it is not available until the fault is cleared.
@@ -20,11 +21,11 @@ A report that the manager's own bus has failed changes no plan: the report was h
 that bus would stop everything in flight.
 
 A standby manager hears each latched fault in turn (`announcing`), and each CLEAR once. It drops a fault that it has not
-heard again for three turns, so a lost CLEAR costs some beats. A manager that advises beside the active one does the
-same, except with a fault that the operator has given to the advising manager itself: that is a supposition, and it
-stays until another report on the element comes.
+heard again for three turns, so a lost CLEAR delays it by some heartbeat periods. A manager that advises beside the
+active one does the same, with one exception: a fault that the operator has given to the advising manager itself. That
+is a supposition, and it stays until another report on the element comes.
 
-The whole situation outlives a restart (`memory`), and so does a quarantine.
+The whole situation survives a restart (`memory`), and so does a quarantine.
 """
 
 from collections import Counter
@@ -50,13 +51,12 @@ from heronry_wire.frame import Frame
 from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 
-_KINDS = frozenset(ElementKind)
 _TURNS = 3  # of announcements, in which a latched fault may stay unannounced
 
 
 @dataclass(frozen=True, slots=True)
 class PlanNeeded:
-    """The situation has changed, for this cause.
+    """A plan is needed, because the situation has changed, for this cause.
 
     since_ns: time of the last sign of the old situation; None: now.
     """
@@ -67,16 +67,17 @@ class PlanNeeded:
 
 @dataclass(frozen=True, slots=True)
 class LimitChanged:
-    """A radio carries more or less than it did."""
+    """The usable bandwidth of a radio has changed."""
 
     cause: str
 
 
 @dataclass(frozen=True, slots=True)
 class ModuleReleased:
-    """A module was cleared, and does not run before an epoch starts it."""
+    """A module was cleared, and does not run before a new epoch starts it; `pe`: it was cleared on this PE alone."""
 
     module: str
+    pe: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class PeAsked:
 
 @dataclass(frozen=True, slots=True)
 class TargetAsked:
-    """The operator orders a configuration, which is legal."""
+    """The operator orders a configuration that is legal."""
 
     target: Configuration
 
@@ -135,7 +136,7 @@ class KnownSituation:
         return Situation(self.down(), self.links.limits(), self.phase, self.priorities.now())
 
     def spares(self, plan: Plan) -> bool:
-        """Tell whether a plan needs no successor under the present limits: it is legal, and no limit has risen."""
+        """Tell whether a plan can stay under the present limits: it is legal under them, and no limit has risen."""
         limits = self.links.limits()
         room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
@@ -177,7 +178,7 @@ class KnownSituation:
             self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
-        """Give the elements that are down, as `kind:name`."""
+        """Give the elements that are down, each as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
@@ -195,10 +196,11 @@ class KnownSituation:
         if kind == "bus":
             self.suspicions.bus(name, pe)
             return ()
+        element = self.failed.where(element, pe, emergency.code)
         return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
-        """Take a request for a phase or a priority; gives the consequences; None: it is not to be acknowledged."""
+        """Take a request for a phase or a priority; gives the consequences, or None if it must not be acknowledged."""
         incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is not None and request.kind is ElementKind.PRIORITY:
             causes = self.priorities.requested(pe, incarnation, request)
@@ -233,7 +235,10 @@ class KnownSituation:
         return True
 
     def overheard(self, manager: int, told: Control) -> Changes:
-        """Take a fact of the active manager: what it holds, what is cleared, which request it has executed."""
+        """Take a fact that the active manager announces; gives the consequences.
+
+        The fact says what holds, what is cleared, or which request the active manager has executed.
+        """
         if told.operation is Operation.ACKNOWLEDGE and told.a in (ElementKind.PHASE, ElementKind.PRIORITY):
             if told.node in self._pe_of_node:
                 self._request_answered(self._pe_of_node[told.node], told.a, told.b)
@@ -244,8 +249,7 @@ class KnownSituation:
             return tuple(map(PlanNeeded, causes))
         if self._has_just_told_phase:
             return self._phase_told(manager, told.b)
-        kind = ElementKind(told.a) if told.a in _KINDS else None
-        element = None if kind is None else self.failed.element(kind, told.b)
+        element = self.failed.told(told.a, told.b)
         if element is not None and told.operation is Operation.HOLDS:
             self._untold[element] = 0
             return self.latch(LatchedFault(element, f"manager {manager}", HELD_CODE, 0, self._turn.now_ns))
@@ -260,7 +264,7 @@ class KnownSituation:
         return () if phase == self.phase else self.enter(phase, f"manager {manager}")
 
     def held_no_longer(self, manager: int) -> Changes:
-        """Count a beat of the active manager; gives the consequences of what it holds no longer."""
+        """Count a heartbeat of the active manager; gives the consequences of facts that it no longer announces."""
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
@@ -292,16 +296,17 @@ class KnownSituation:
 
     def clear(self, element: str, by: str) -> Changes | None:
         """Clear an element; gives the consequences, or None: it was neither latched nor in quarantine."""
-        fault = self.failed.clear(element)
+        faults = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
-        if fault is None and not let_in:
+        if not faults and not let_in:
             return None
         changes: list[SituationChange] = []
-        if fault is not None:
-            self._turn.keep(Cleared(element))
+        for fault in faults:
+            self._turn.keep(Cleared(fault.element))
             if kind == "module" and fault.code != OPERATOR_CODE:
-                changes.append(ModuleReleased(name))
+                module, _, pe = fault.element.removeprefix("module:").partition("@")
+                changes.append(ModuleReleased(module, pe or None))
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)

@@ -5,6 +5,11 @@
               and only the operator clears the element (`clear`). A PE's report on an element that the operator has
               failed replaces the operator's report: that PE may have stopped the element
 
+A module that fails on one PE is at first down on that PE alone (`where`): its place `module:NAME@PE` is latched, and
+plans use the module on other PEs. When it fails on a second PE, or a module that watches its output reports it, the
+module is down everywhere. A PE on which its code is missing does not count as a PE on which it has failed. A module
+with one possible PE has no places, and is down at once.
+
 Lost, or sent during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
 operator has cleared the element latches it again; a fault that persists would be found again anyway. Doubled: no
 effect. Forged: the report takes the element out of use until the operator clears it. A restart remembers all but the
@@ -14,12 +19,15 @@ times of the faults.
 from dataclasses import dataclass
 
 from heronry_dg.model import Spec
-from heronry_wire.management import ElementKind
+from heronry_dg.situation import is_place, module_of, places
+from heronry_wire.management import EVERYWHERE, ElementKind, FaultCode, element_field, kind_and_place
 
 OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: the element goes on running until a plan leaves it out
 HELD_CODE = "HOLDS"  # of a fault that another manager announces, without the PE that has reported it
 _OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
+_FAILED_THERE = frozenset((FaultCode.MODULE_EXCEPTION, FaultCode.MODULE_OVERRUN, FaultCode.PARTITION_ENDED))
+_FAILED_CODES = frozenset(code.name for code in _FAILED_THERE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +51,8 @@ class LatchedFaults:
             ElementKind.MODULE: tuple(spec.modules),
             ElementKind.BUS: tuple(spec.buses),
         }
+        self._places = {place for module in spec.modules for place in places(spec, module)}
+        self._nodes = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._failed: dict[str, LatchedFault] = {}
 
     @property
@@ -59,20 +69,56 @@ class LatchedFaults:
         names = self._names.get(kind, ())
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
-    def place(self, element: str) -> tuple[ElementKind, int] | None:
-        """Give the kind and index by which CONTROL names an element; None for a channel, which it cannot name."""
+    def where(self, element: str, pe: str, code: FaultCode) -> str:
+        """Give what is out when a PE reports an element with this code: the element, or its place on that PE alone."""
+        place = f"{element}@{pe}"
+        if place not in self._places or element in self._failed:
+            return element
+        if code is FaultCode.MODULE_MISSING:
+            return place
+        others = (one for one in self._of(element) if one.element != place)
+        second = any(one.code in _FAILED_CODES for one in others)
+        return element if code not in _FAILED_THERE or second else place
+
+    def told(self, a: int, index: int) -> str | None:
+        """Give the element that CLEAR or HOLDS names; None: the spec has no such element."""
+        number, node = kind_and_place(a)
+        element = self.element(ElementKind(number), index) if number in set(ElementKind) else None
+        if node == EVERYWHERE or element is None:
+            return element
+        pe = next((name for name, one in self._nodes.items() if one == node), "")
+        return f"{element}@{pe}" if f"{element}@{pe}" in self._places else None
+
+    def field(self, element: str) -> tuple[int, int] | None:
+        """Give the a and b by which CONTROL names an element; None for a channel, which it cannot name."""
         kind, _, name = element.partition(":")
+        name, _, pe = name.partition("@")
         names = self._names.get(_KINDS[kind], ()) if kind in _KINDS else ()
-        return (_KINDS[kind], names.index(name)) if name in names else None
+        if name not in names:
+            return None
+        return element_field(_KINDS[kind], self._nodes[pe] if pe else EVERYWHERE), names.index(name)
 
     def latch(self, fault: LatchedFault) -> bool:
-        """Latch a fault; tells whether it is kept: the element was not latched, or only by the operator."""
+        """Latch a fault; tells whether it is kept: the element was not latched, or only by the operator.
+
+        A PE's report on a place also replaces the announcement of another manager on that place: the code of the report
+        counts.
+        """
         before = self._failed.get(fault.element)
-        if before is not None and (before.code != OPERATOR_CODE or fault.code in _OF_NO_PE):
-            return False
+        if before is not None:
+            weaker = _OF_NO_PE if is_place(fault.element) else (OPERATOR_CODE,)
+            if before.code not in weaker or fault.code in _OF_NO_PE:
+                return False
         self._failed[fault.element] = fault
         return True
 
-    def clear(self, element: str) -> LatchedFault | None:
-        """Clear an element; gives the fault that was latched on it, or None."""
-        return self._failed.pop(element, None)
+    def clear(self, element: str) -> list[LatchedFault]:
+        """Clear an element, and of a module its places, too; gives the faults that were latched on these."""
+        cleared = [one for one in self._failed.values() if one.element == element] + self._of(element)
+        for one in cleared:
+            del self._failed[one.element]
+        return cleared
+
+    def _of(self, module: str) -> list[LatchedFault]:
+        """Give the faults that are latched on the places of a module."""
+        return [one for one in self._failed.values() if is_place(one.element) and module_of(one.element) == module]

@@ -1,6 +1,7 @@
 """The manager's core: frames, time, plans and orders in; frames, requests for plans, events and records out.
 
-This file decides nothing itself: it says only which part acts, and in which order. No clock, socket, solver or file.
+This file decides nothing itself: it only calls the parts that act, in the right order. It uses no clock, socket, solver
+or file.
 
     frame in ─► inbound ─► pe_reports ─► reactions ─► replanning ─► deployment ─► frames out
                    └────► succession (another manager) ─► mastership (whether this one is active)
@@ -23,21 +24,21 @@ After each event, in this order: a standby manager takes over, if no manager is 
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
 driver gives it the frames first.
 
-After a restart: a new term, then the normal start, with all that is remembered (`memory`, kept by the driver in
-the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
+After a restart a new term begins, and then the normal start, with all that is remembered (`memory`, which the driver
+keeps in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
 """
 
 from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_manager.core.inbound import Inbound
 from heronry_manager.core.mastership import Mastership
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.numbering import next_term
 from heronry_manager.core.on_board import ContingencyNumbers
-from heronry_manager.core.operator_orders import OperatorOrders
+from heronry_manager.core.operator_orders import OperatorOrders, module_problem
 from heronry_manager.core.parts import Parts
 from heronry_manager.core.pe_details import Look
 from heronry_manager.core.pe_reports import PeReports
@@ -218,7 +219,7 @@ class ManagerCore:
             self._details.reader.tick(now_ns)
 
     def _accept(self, said: OperatorSaid) -> tuple[Reply, ...]:
-        """Execute an operator's order; before the start of a term only the status is given."""
+        """Execute an operator's order; before the start of a term only the order for the status is executed."""
         if isinstance(said.order, AskStatus):
             return (Reply(said.number, done=True, sentence="", status=self._status_for_operator()),)
         if isinstance(said.order, AskTraceback):
@@ -237,22 +238,26 @@ class ManagerCore:
         if outcome.command is not None:
             self._turn.send(Command.CONTROL, outcome.command)
         self._beat.look()
-        return Reply(number, outcome.done, outcome.sentence)
+        return Reply(number, outcome.done, outcome.sentence, is_unusable=outcome.is_unusable)
 
     def _status_for_operator(self) -> dict[str, Any]:
-        """Give the status, and read the standstills of the PEs anew, for the next one."""
+        """Give the status, and read the standstills of the PEs, which the next status will show."""
         for pe in self._settings.spec.pes:
             if self._known.health.is_available(pe):
                 self._details.look_at_standstills(pe, Look.SHOW)
         return self.status()
 
     def _ask_traceback(self, number: int, element: str) -> None:
-        """Answer when the PE has given the traceback, or has not."""
+        """Answer when the PE has given the traceback, or has not; immediately if the spec has no such module."""
+        problem = module_problem(self._settings.spec, element)
+        if problem is not None:
+            self._turn.ask(Reply(number, done=False, sentence=problem, is_unusable=True))
+            return
 
         def answer(text: str | None, why_not: str) -> None:
             self._turn.ask(Reply(number, done=text is not None, sentence=why_not if text is None else text))
 
-        self._details.traceback(element, answer)
+        self._details.traceback(module_of(element), answer)
 
     def _driver_told(self, event: DriverEvent) -> None:
         match event:

@@ -2,7 +2,7 @@
 
     LISTENING   for T_lease after its start: a LEASE means that another manager is active, and this one does not start.
                 A manager that was active and hears no PE any more listens until it hears one again: its receiver has
-                failed, or its wire is broken, and its commands could only take things away from PEs that hear them. A
+                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them. A
                 manager that most PEs refuse listens as well: they report that they hear no LEASE, because they know of
                 a higher term. It listens for twice as long after each refusal. Its next term may be high enough. After
                 two refusals in a row the journal that knew the higher terms may be lost: once in its life a manager
@@ -14,14 +14,14 @@
     RETIRED     another manager is active, and this one was started without `standby`: silent for ever
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
-Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. A
-manager that hears a LEASE of its own number and term has a double, which was started by mistake: the one that hears the
-other first gives way. A manager that only advises gives way to none, and sends nothing.
+Manager 127 also stands by for a while if it hears no manager at its start (`following`), so that 126 goes first. If a
+manager hears a LEASE of its own number and term, a second manager with its number was started by mistake. Of these two
+the one that first hears the other gives way. A manager that only advises gives way to none, and sends nothing.
 
-This file decides; `succession` does what follows from a decision for the rest of the core. All changes of state are
-rows of `TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: no manager gives way
-twice. A restart begins with LISTENING, and with the terms that the journal remembers. What the manager does not know:
-whether another manager is gone or merely not heard here; the reports of the PEs decide that (`following`).
+This file decides; `succession` carries the decision out for the rest of the core. All changes of state are rows of
+`TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: no manager gives way twice. A
+restart begins with LISTENING, and with the terms that the journal remembers. What the manager does not know: whether
+another manager is gone or merely not heard here; the reports of the PEs decide that (`following`).
 """
 
 from enum import Enum, auto
@@ -106,7 +106,7 @@ class Claim:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; one that only advises counts as active while it would command."""
+        """Tell whether this manager is active; a manager that only advises counts as active while it would command."""
         return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
@@ -135,7 +135,7 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether to begin a term; where another manager goes first, this one stands by from now on."""
+        """Tell whether to begin a term; if another manager goes first, this one stands by from now on."""
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
             return False
@@ -146,7 +146,7 @@ class Claim:
     # Being active
 
     def begin_term(self) -> bool:
-        """Become active in a new term; tells whether there is one left. Where none is, this manager ends."""
+        """Become active in a new term; tells whether a term is left. If none is left, this manager ends."""
         self._move(MastershipEvent.BEGINS)
         self._refused_since_ns = None  # no PE has heard this term yet
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
@@ -186,7 +186,7 @@ class Claim:
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Take a LEASE of another manager; tells whether this one stands by for it from now on. It may end instead."""
+        """Take a LEASE of another manager; tells whether this one now stands by for it. It may end instead."""
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames
         if not (is_listening or is_double or lease.term > term):

@@ -1,6 +1,6 @@
 """What a manager must not forget when it restarts, and the records that change it.
 
-The core keeps its memory by giving out every change of it as a record (`Keep`): all records in order make the memory
+The core gives out every change of its memory as a record (`Keep`): all records in order make the memory
 (`Memory.after`). The journal keeps them on disk, and says what a restart may lose of them.
 
 Two kinds of things are remembered:
@@ -8,10 +8,10 @@ Two kinds of things are remembered:
     numbers   the last term, and the last *reserved* number of every kind that must never be used twice (epochs,
               counters). Numbers are reserved in blocks, so that the disk is written once per block. A reservation is on
               disk before the first frame that uses it: numbers only rise, whatever else is lost
-    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase and
-              the changed priorities with the last request of each PE for one, latched faults (those the operator
-              ordered among them), and which PEs are quarantined. Facts are written after the command: the PEs report
-              what runs, and an outdated fact costs one epoch
+    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`); the mission phase; the
+              changed priorities with the last request of each PE for one; latched faults (also those that the operator
+              ordered); and which PEs are quarantined. Facts are written after the command: the PEs report what runs,
+              so an outdated fact leads to one epoch more and no other harm
 
 A restart forgets how long ago a fault was latched, and the losses of available PEs.
 """
@@ -33,7 +33,7 @@ class TermBegun:
 
 @dataclass(frozen=True, slots=True)
 class Reserved:
-    """Numbers of a kind up to this one may be used from now on, and never again after a restart."""
+    """Numbers of a kind up to this one may be used from now on; after a restart none of them is used again."""
 
     kind: str
     last: int

@@ -1,21 +1,24 @@
 """Which mission phase the aircraft is in, and what may change it.
 
-The spec's first phase is the initial one. It is changed by
+The spec's first phase is the initial one. Three things change it:
 
     the operator    to any phase
     a module        to any phase: its PE has sent a request (EMCY, PHASE_REQUEST)
-    a phase's rule  only from the phases that the rule names (`from`; by default those before it in the spec). The same
-                    holds for a request that a PE makes again in a new mastership, after another manager has
-                    acknowledged it: it leads to a phase with a rule only from these, and to any other only forward
+    a phase's rule  to that phase, and only from the phases that the rule names (`from`; by default those before it in
+                    the spec)
 
-Any change has the consequences of a fault: a plan for the new phase, an epoch. Each request counts when it comes, so of
-several requests the last one wins; of several rules the one with the latest phase wins.
+A PE makes its last request again in a new mastership, after another manager has acknowledged it. A request that comes
+again in this way is restricted: to a phase with a rule it leads only from the phases that the rule names, and to any
+other phase only forward.
+
+Any change has the same consequences as a fault: a plan for the new phase and a new epoch. Each request counts when it
+comes, so of several requests the last one wins. Of several rules the one with the latest phase wins.
 
 A PE repeats a request until it is acknowledged. The request carries a number that the PE counts up until it restarts: a
 request that comes again, or after a later one, is acknowledged and has no further effect. The manager neither
 acknowledges nor executes a request of an unavailable PE; the PE repeats the request when it is back, if it still wants
-the phase. A pause of the manager loses no request. A forged request changes priorities, and the operator can change
-them back. A manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A
+the phase. A pause of the manager loses no request. A forged request changes the phase, and the operator can change it
+back. A manager that restarts or takes over goes on with the last phase, and the PEs make their requests again. A
 manager that remembers the numbers of these requests, or has heard them acknowledged, does not execute them again: a
 later order of the operator stands.
 """

@@ -1,16 +1,16 @@
-"""What modules tell without reporting a fault: a disagreement of two inputs, a report of an unknown element.
+"""Notices of modules that are not faults: two inputs of a module disagree, or it reports an element that is unknown.
 
-    told    the PE of the module has told it (EMCY, DISAGREEMENT or UNKNOWN_ELEMENT), within the last
+    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT or UNKNOWN_ELEMENT), within the last
             CHANNEL_FORGOTTEN_NS
-    over    it was not told for that long
+    over    the PE has not sent it for that long
 
-No plan changes. An event tells when each begins, and when a disagreement is over; `heronry status` lists the
-disagreements. In a disagreement either input may be right, and the comparator decides what goes on
+No plan changes. An event reports when a notice begins, and when a disagreement is over; `heronry status` lists the
+disagreements. In a disagreement either input may be right, and the comparator decides which value its module gives
 (`heronry_agent.parts.comparators`).
 
-Lost: a PE repeats it every second while it lasts, and nobody acknowledges it. Late or doubled: no effect. Forged: a
-false line in the status, for three seconds. A manager that restarts, or takes over, knows them within a second. One of
-a module that the spec does not have is ignored.
+Lost: a PE repeats a notice every second while it lasts, and no manager acknowledges it. Late or doubled: no effect.
+Forged: a false line in the status, for three seconds. A manager that restarts, or takes over, knows all notices within
+a second. A notice of a module that the spec does not have is ignored.
 """
 
 from heronry_dg.model import Spec
@@ -20,7 +20,7 @@ from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
 
 class ModuleNotices:
-    """The notices of one kind; a subclass says which events tell them."""
+    """The notices of one kind; a subclass says which events report them."""
 
     def __init__(self, spec: Spec, turn: Turn) -> None:
         self._modules, self._turn = list(spec.modules), turn
@@ -36,21 +36,21 @@ class ModuleNotices:
         self._told[key] = self._turn.now_ns, emergency.detail
 
     def beat(self) -> None:
-        """Let time pass: what is no longer told is over."""
+        """Let time pass: a notice that has not been repeated is over."""
         for (module, pe), (at_ns, _) in list(self._told.items()):
             if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS:
                 del self._told[module, pe]
                 self._over(module, pe)
 
     def all(self) -> list[tuple[str, str, int]]:
-        """Give module, PE and detail of each that lasts."""
+        """Give module, PE and detail of each notice that is not over."""
         return [(module, pe, detail) for (module, pe), (_, detail) in sorted(self._told.items())]
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         raise NotImplementedError
 
     def _over(self, module: str, by: str) -> None:
-        """Tell that one is over; no event by default."""
+        """Report that a notice is over; by default there is no event."""
 
 
 class Disagreements(ModuleNotices):

@@ -1,8 +1,8 @@
 """The numbers of masterships and epochs: each is used by one manager, once.
 
-    terms    manager 126 takes the odd ones, 127 the even ones: a term names its manager, so two of them can never be
-             active in the same term, whatever they have heard of each other
-    epochs   in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second one
+    terms    manager 126 takes the odd ones, 127 the even ones. So two managers can never be active in the same term,
+             even if they have not heard of each other
+    epochs   in blocks of EPOCHS_PER_TERM; a mastership begins with the block of its term, and takes every second number
              from there on. So two managers that are active on both sides of a broken bus use no number twice either
 
 A new epoch is also newer than every epoch that a PE was seen to run, and than the remembered one: a silent PE may still
@@ -46,7 +46,7 @@ class EpochNumbers:
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
     def next(self, newest_seen: int) -> int:
-        """Give a number that is newer than any before, and than the newest that PEs run (`newest_seen`)."""
+        """Give a number that is newer than all before, and than `newest_seen`, the newest epoch that PEs run."""
         runs = self._turn.memory.runs
         epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:

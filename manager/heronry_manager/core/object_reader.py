@@ -1,20 +1,22 @@
-"""Reads objects of PEs by SDO (CiA 301, 7.2.4): what EMCY and state frames have no room for. One at a time.
+"""Reads objects of PEs by SDO (CiA 301, 7.2.4), for details that EMCY and state frames cannot carry. One at a time.
 
     idle      nothing is being read
     opened    the request for an object is out: an answer gives a short value at once, or the length of a long one
     segments  a long value comes segment by segment, each requested, the toggle bit alternating
-    left      another SDO client has made a request to that PE (`heard_other`): it has the PE until SILENCE_NS after its
-              last request. An object that was being read is read anew after that, and other PEs are read meanwhile
+    left      another SDO client has made a request to that PE (`heard_other`): the PE is left to that client until
+              SILENCE_NS after its last request. An object that was being read is read anew after that, and other PEs
+              are read meanwhile
 
-An abort of the PE, an answer that does not fit the request, or SILENCE_NS without an answer ends the reading of that
-object without a value, and the next one in the queue begins. Nothing that a PE runs depends on this, so nothing is
-repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
+The reading of an object ends without a value if the PE aborts it, if an answer does not fit the request, or if no
+answer comes within SILENCE_NS. Then the reading of the next object in the queue begins. Nothing that a PE runs depends
+on these values, so nothing is repeated; a caller may ask again. A PE gives its answers a tenth of the bus at most.
 
 Lost: that object has no value. Late or doubled: an answer that fits by chance gives a wrong value. Forged: any node can
-do that, since SDO has no proof: the values are for people, and no decision may depend on them.
+forge an answer, since SDO has no proof: the values are for people, and no decision may depend on them.
 
-A PE has one SDO server, where a request replaces the transfer of another client. So this one gives way: only a request
-that crosses the first one of the other client can still disturb it. A client that never pauses keeps this one out.
+A PE has one SDO server, where a request replaces the transfer of another client. So this client gives way: only a
+request of it that crosses the first request of the other client can still disturb that client. If the other client
+never pauses, this client reads nothing.
 """
 
 from collections import deque
@@ -84,7 +86,7 @@ class ObjectReader:
         self._begin_next(now_ns)
 
     def heard(self, node: int, message: bytes, now_ns: int) -> None:
-        """Take an answer of a PE's SDO server; one that nobody waits for is dropped."""
+        """Take an answer of a PE's SDO server; an answer to no request of this manager is dropped."""
         reading = self._now
         if reading is None or reading.node != node:
             return
@@ -106,7 +108,7 @@ class ObjectReader:
         self._begin_next(now_ns)
 
     def tick(self, now_ns: int) -> None:
-        """Give up an object whose answer does not come, or begin one whose PE is free again."""
+        """Give up an object whose answer does not come, or begin to read one whose PE is free again."""
         if now_ns < self.next_ns:
             return
         if self._now is not None:

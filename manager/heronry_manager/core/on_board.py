@@ -49,11 +49,14 @@ class ContingencyNumbers:
         return self._numbers.get(self._code.encode(configuration), 0)
 
     def configuration(self, number: int) -> Configuration | None:
-        """Give the configuration that a number calls; None: there is none."""
+        """Give the configuration with a number; None: there is none."""
         return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
-        """Tell whether a PE with its part of this file on board holds its slice of a configuration, by number."""
+        """Tell whether a PE has its slice of the configuration with this number on board.
+
+        The PE must have its part of this file on board, not of another file.
+        """
         return 0 < number <= self._held[pe]
 
 
@@ -73,7 +76,7 @@ def loaded(table: PeTable, one: OnBoard) -> PeTable:
 
 
 def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
-    """Take as many of the first slices as `room` bytes hold; the block grows with every slice."""
+    """Take as many slices, from the first on, as fit into `room` bytes; the block grows with every slice."""
     fits, too_many = 0, len(slices) + 1
     while too_many - fits > 1:
         middle = (fits + too_many) // 2

@@ -26,6 +26,7 @@ the second time. The part that delivers orders decides which callers may give th
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_function, checked_phase
 from heronry_dg.verify import verify
 from heronry_manager.core.knowledge import Knowledge
@@ -61,6 +62,16 @@ class Outcome:
     sentence: str
     changes: Changes = ()
     command: Control | None = None  # to the PEs
+    is_unusable: bool = False  # the order names what the spec does not have
+
+
+def module_problem(spec: Spec, element: str) -> str | None:
+    """Say why an element is no module of the spec; None if it is one."""
+    try:
+        found = checked_element(spec, element)
+    except UnknownElementError as error:
+        return str(error)
+    return None if found.startswith("module:") else f"{element} has no code that could fail: name a module"
 
 
 class OperatorOrders:
@@ -89,7 +100,7 @@ class OperatorOrders:
                 case UnlockPe(element):  # pragma: no branch - nothing else is left
                     return self._unlock(checked_element(self._spec, element))
         except UnknownElementError as error:
-            return Outcome(False, str(error))
+            return Outcome(False, str(error), is_unusable=True)
 
     def _enter(self, phase: str) -> Outcome:
         before = self._known.situation.phase
@@ -107,7 +118,8 @@ class OperatorOrders:
             )
             return Outcome(False, why)
         if priority is not None and not 0 <= priority <= MOST_PRIORITY:
-            return Outcome(False, f"a priority is a whole number from 0 to {MOST_PRIORITY}, not {priority}")
+            sentence = f"a priority is a whole number from 0 to {MOST_PRIORITY}, not {priority}"
+            return Outcome(False, sentence, is_unusable=True)
         changes = self._known.situation.order_priority(function, priority)
         word = "that of the spec" if priority is None else str(priority)
         if not changes:
@@ -135,13 +147,13 @@ class OperatorOrders:
         if changes is None:
             sentence = f"no fault is latched on {element}, and it is not in quarantine: see 'heronry status'"
             return Outcome(False, sentence)
-        place = self._known.situation.failed.place(element)
-        told = None if place is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *place)
+        named = self._known.situation.failed.field(element)
+        told = None if named is None else Control(self._turn.term, _ALL_NODES, Operation.CLEAR, *named)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
         return Outcome(True, f"{element} no longer counts as failed; {self._what_follows(waits)}", changes, told)
 
     def _fly(self, target: Configuration | None, problem: str) -> Outcome:
-        """Ask for a target that is legal; refuse any other, with an event."""
+        """Take a target that is legal, and refuse any other with an event; `problem` says why there is none."""
         if self._turn.silent:
             return Outcome(False, _ONLY_ADVISES)
         reason = problem if target is None else self._why_not_now() or self._why_not_legal(target)
@@ -177,7 +189,8 @@ class OperatorOrders:
     def _unlock(self, element: str) -> Outcome:
         pe = self._spec.pes.get(element.removeprefix("pe:"))
         if pe is None or not element.startswith("pe:"):
-            return Outcome(False, f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}")
+            sentence = f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}"
+            return Outcome(False, sentence, is_unusable=True)
         if not self._has_key:
             return Outcome(False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
         if self._turn.silent:

@@ -1,13 +1,14 @@
 """The configuration that another manager has activated, put together from the slices in its frames.
 
 PREPARE begins an epoch, SLICE heads tell which PEs have a slice in it, bodies bring the new slices, and ACTIVATE or
-LEASE shows that the epoch runs. Bodies that did not change are not sent again: this manager keeps every body that it
+LEASE shows that the epoch runs. Bodies that did not change are not sent again. So this manager keeps every body that it
 has heard, and every slice of the running configuration, by digest, as long as there is room. The result counts only if
-it has the digest that was announced. If a body was missed, or sent before this manager listened, the configuration is
-not known, and a manager that takes over then plans anew.
+it has the digest that was announced. If a body was missed, or was sent before this manager listened, the configuration
+is not known; then a manager that takes over plans anew.
 
-A contingency that PREPARE calls by its number (protocol rule 5) is looked up in this manager's own file: no slice of it
-is sent. It counts if its digest is the one in PREPARE; if it is not, the other manager uses another file.
+PREPARE may refer to a contingency by its number (protocol rule 5). Then no slice is sent, and this manager looks the
+contingency up in its own file. The contingency counts only if its digest is the one in PREPARE; another digest means
+that the other manager uses another file.
 """
 
 from collections import OrderedDict
@@ -98,14 +99,14 @@ class Overheard:
             self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
-        """Give the configuration that PREPARE has called by its number, if this manager's file holds the same one."""
+        """Give the configuration whose number PREPARE names, if this manager's file holds it with the same digest."""
         if self._on_board is None or self._prepared is None:
             return None
         called = self._on_board.configuration(self._prepared.contingency)
         return called if called is not None and self._compiler.configuration(called).digest == digest else None
 
     def _put_together(self) -> Configuration | None:
-        """Give the configuration that the slices make; None if a slice is not known, or not of this spec."""
+        """Give the configuration that the slices make; None if a slice is not known, or does not fit this spec."""
         if any(head.digest not in self._known for head in self._heads.values()):
             return None
         try:

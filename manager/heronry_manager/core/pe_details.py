@@ -1,14 +1,16 @@
-"""What PEs keep for people, read by SDO: why their modules failed, and how often their computers stood still.
+"""Details that PEs store for people: why modules failed, and how often a computer stood still. The manager reads them.
 
-    failure of a module      read when an EMCY has told of it, and told as an event. The last one of each module is kept
+    failure of a module      read by SDO when an EMCY has reported it, and given out as an event. The last failure of
+                             each module is kept
     traceback                read when the operator asks for it, from the PE that reported the last failure
     standstills of a PE      read when the PE joins, answers a PING, or is heard again, and when the operator asks for
-                             the status. More long ones than before are told as an event, with the longest of them if
-                             the PE never had a longer one: they may be the reason why the PE was not heard
+                             the status. If there were more long standstills than before, an event reports that, as
+                             they may be the reason why the PE was not heard. The event gives the longest of them if
+                             the PE never had a longer one
 
 Only an active manager that may send reads anything, and only from PEs on its own bus, since no gateway forwards SDO.
 What was read stays until this manager ends; another manager reads again. Lost, late, doubled, forged: as in
-`object_reader`; nothing is decided by these values.
+`object_reader`; these values decide nothing.
 """
 
 from collections.abc import Callable, Mapping
@@ -61,7 +63,7 @@ class PeDetails:
             self._turn.emit("stood_still", by=self._node, for_ns=event.for_ns, times=self.own.long_times)
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
-        """Read why a module has failed; the EMCY is repeated, and read for once."""
+        """Read why a module has failed; the PE repeats the EMCY, but the reason is read once."""
         before, at_ns = self._heard.get((pe, element), (None, 0))
         self._heard[pe, element] = emergency, self._turn.now_ns
         if before == emergency and self._turn.now_ns - at_ns <= self._again_after_ns:
@@ -79,7 +81,9 @@ class PeDetails:
         """Read the traceback of a module's last failure; `answer` gets it, or None and a sentence that says why not."""
         known = self._failures.get(element)
         if known is None:
-            answer(None, f"no failure of {element} is known to this manager: see 'heronry status'")
+            others = ", ".join(self._failures)
+            known_ones = f"it knows one of {others}" if others else "no module has failed"
+            answer(None, f"no failure of {element} is known to this manager: {known_ones}")
             return
         pe = known["by"]
 

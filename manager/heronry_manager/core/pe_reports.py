@@ -38,7 +38,7 @@ class PeReports:
         self._beat, self._replanning, self._reactions = parts.beat, parts.replanning, parts.reactions
 
     def page(self, pe: str, page: StatePage | None) -> None:
-        """Take a page of a PE's state; None: one that is not believed."""
+        """Take a page of a PE's state; `page` is None if it is not believed."""
         if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
             self._known.begin()
             if self._settings.key is None:  # with a key no PE can be believed before this manager is active
@@ -58,7 +58,10 @@ class PeReports:
                 pass
 
     def unproven(self, pe: str, page: StatePage0) -> None:
-        """Take a page 0 that is not believed: it may still show that the PE lives, and whether it hears a manager."""
+        """Take a page 0 that is not believed.
+
+        It may still show that the PE lives, and whether it hears a manager.
+        """
         self._known.health.spoke(pe, page.incarnation, self._turn.now_ns)
         self._known.following.state(pe, page, is_proven=False)
 

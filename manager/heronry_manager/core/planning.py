@@ -8,10 +8,10 @@
 
 *In the background.* An immediate plan may not be the best one. Once it runs everywhere and nothing else is under way,
 the core requests the optimal plan, with as few changes to the running configuration as possible. There is one such
-request for each situation. The core takes the answer if it is better at levels 1 to 3 of the objective: these rank
-above the number of changes (level 4), so they are worth interrupting a module, and the lower levels are not. After a
-failure there is no second request. The core replaces no plan while it is being deployed: that would restart a half-done
-change, for a plan that was made before it.
+request for each situation. The core takes the answer only if it is better at levels 1 to 3 of the objective. These
+levels rank above the number of changes (level 4), so they justify interrupting a module; lower levels do not. After a
+failure there is no second request. While a plan is being deployed, the core does not replace it: a change that is half
+done would begin anew, for a plan that was requested before it.
 
 A lost answer blocks nothing: the next change of the situation leads to a new request. An answer that comes twice is
 dropped.
@@ -74,12 +74,12 @@ class Planning:
 
     @property
     def is_owed(self) -> bool:
-        """Tell whether a plan is awaited, or will be requested again."""
+        """Tell whether an answer is awaited, or the request will be repeated."""
         return self.waiting or self.again_ns is not None
 
     @property
     def idle(self) -> bool:
-        """Tell whether no plan is owed, and no change is on its way."""
+        """Tell whether no answer is awaited, no request will be repeated, and no change is on its way."""
         return not self.is_owed and not self.causes
 
     def is_due_again(self) -> bool:
@@ -87,7 +87,7 @@ class Planning:
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
     def failed(self, answer: PlanFailed) -> bool:
-        """Tell whether this answer ends the present request without a plan; a background request is then given up."""
+        """Tell whether this answer ends the present request without a plan; a background request then ends for good."""
         if answer.request != self._request or not self.waiting:
             return False
         self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
@@ -105,7 +105,7 @@ class Planning:
         self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
-        """Tell whether the running plan stays, as a background answer is not better; that ends the request."""
+        """Tell whether the running plan stays, because a background answer is not better; that ends the request."""
         if running is None or not self.in_background or _is_better(answer.plan, running):
             return False
         self.waiting = False
@@ -119,25 +119,25 @@ class Planning:
         self.ask(now, running, in_background=True)
 
     def ask_for(self, target: Configuration, now: Situation, running: Placement) -> None:
-        """Request the best plan of the situation, to compare the target of a script with it."""
+        """Request the best plan of the situation, with which the target of a script will be compared."""
         self.causes = [Cause(_SCRIPT, self._turn.now_ns, self._turn.now_ns)]
         self.ask(now, running, in_background=True, target=target)
 
     def target_taken(self) -> None:
-        """Note that a target is deployed instead of the plan: a later request in the background is another one."""
+        """Note that a target is deployed instead of the plan: the situation may then get another background request."""
         self.in_background = False
 
     def target_refused(self) -> None:
-        """Go on with the answer as that of a request in the background."""
+        """Treat the answer as one to a background request, since the target of the script was refused."""
         self.causes = [Cause(_IN_BACKGROUND, cause.known_ns, cause.since_ns) for cause in self.causes]
 
     def forget(self) -> None:
-        """Drop the present request and its causes: another manager plans now."""
+        """Drop the present request and its causes, because another manager plans now."""
         self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
-        """Drop these causes: what runs now takes them into account."""
+        """Drop these causes, because the running configuration takes them into account."""
         self.causes = [cause for cause in self.causes if cause not in causes]
 
 

@@ -15,21 +15,21 @@ immediate plan runs. The sources of a plan, in this order:
     planner         only for background requests: the exact planner, in its own process
     immediate       the greedy planner, within the call, checked by the verifier (`heronry_dg.verify`)
 
-If the verifier refuses a greedy plan, the exact planner answers instead; if there is none, the request fails. If the
-exact planner fails at a request that is not for a better plan, or does not answer within the budget that the driver
-gives it, the greedy planner answers: a planner that hangs leaves no aircraft without a configuration. Without a
-solver there is no exact planner and nothing is pre-planned: the greedy planner answers everything. Without an immediate
-planner the exact planner answers everything: simulated flights may leave out the greedy planner.
+If the verifier refuses a greedy plan, the exact planner answers instead; if there is no exact planner, the request
+fails. The exact planner may fail, or not answer within the budget that the driver gives it. Then the greedy planner
+answers, unless the request is only for a better plan: so the aircraft gets a configuration even if a planner hangs.
+Without a solver there is no exact planner and nothing is pre-planned: the greedy planner answers everything. Without an
+immediate planner the exact planner answers everything: simulated flights may leave out the greedy planner.
 
-*Pre-planning.* When a configuration has settled, the questions ahead are: the loss of each PE that is up, the return of
-each PE that is down, and the next mission phase. The policy gives them one after the other to the *pre-planner*,
-another process, which runs with a lower priority than all others. Faults of devices and modules, and pairs of faults,
-are left to the contingencies; a question that a contingency answers is not pre-planned. A pre-planned plan is kept
-under all that it depends on (`Question`), so it is never used in another situation. Plans for another configuration are
-forgotten when the next one settles.
+*Pre-planning.* When a configuration has settled, the policy prepares *questions*: the loss of each PE that is up, the
+return of each PE that is down, and the next mission phase. The policy gives them one after the other to the
+*pre-planner*, another process, which runs with a lower priority than all others. Faults of devices and modules, and
+pairs of faults, are left to the contingencies; a question that a contingency answers is not pre-planned. A pre-planned
+plan is kept under all that it depends on (`Question`), so it is never used in another situation. Plans for another
+configuration are forgotten when the next one settles.
 
-    pre-planner   idle       no `PrePlan` is unanswered: the next question goes out immediately, if one is left planning
-                  `PrePlan` is out; ends with PrePlannerAnswered of its number
+    idle       the pre-planner has answered every `PrePlan`: the next question goes out immediately, if one is left
+    planning   a `PrePlan` is out; the state ends with PrePlannerAnswered of its number
 
 Only the core's requests and reports and the processes' answers change the state here. What may go wrong with an answer:
 
@@ -144,7 +144,7 @@ class PlanningPolicy:
         has_planner: bool,
         contingencies: ContingencyTable | None = None,
     ) -> None:
-        """`has_planner`: a solver, and so a planner and a pre-planner; if False, `immediate` must be given."""
+        """has_planner: there is a solver, and so a planner and a pre-planner; if False, `immediate` must be given."""
         require(immediate is not None or has_planner, "there is no planner")
         self._spec, self._immediate, self._has_planner = spec, immediate, has_planner
         self._contingencies = contingencies
@@ -153,11 +153,6 @@ class PlanningPolicy:
         self._ahead: deque[Question] = deque()  # to be pre-planned, the next one first
         self._in_pre_planning: PrePlan | None = None
         self._number = 0  # of the last question ahead
-
-    @property
-    def is_pre_planning(self) -> bool:
-        """Tell whether the pre-planner owes an answer."""
-        return self._in_pre_planning is not None
 
     def step(self, event: PolicyEvent) -> list[Instruction]:
         """Take one event; returns what is to be done, in order. A RequestPlan gives exactly one instruction."""
@@ -209,7 +204,10 @@ class PlanningPolicy:
         return Answer(PlanFailed(request.request, reason), Source.IMMEDIATE)
 
     def _in_its_place(self, request: RequestPlan, answer: PlanReady | PlanFailed) -> Answer:
-        """Answer in the place of a planner that has failed at a plan that the aircraft needs; else give its answer."""
+        """Give the exact planner's answer, or that of another planner if the exact one has failed.
+
+        Another planner answers only if the aircraft needs the plan.
+        """
         if isinstance(answer, PlanFailed) and self._immediate is not None and not request.in_background:
             plan = self._immediate.plan(request.now, request.running)
             if not verify(self._spec, request.now, plan.configuration):
@@ -223,7 +221,7 @@ class PlanningPolicy:
     # Questions ahead
 
     def _look_ahead(self, now: Situation, running: Placement) -> None:
-        """Find the questions ahead; forget the plans for any others."""
+        """Find the questions to pre-plan; forget the plans for all other questions."""
         if not self._has_planner:
             return
         ahead = [Question(next_one, running) for next_one in self._next_situations(now)]
@@ -252,7 +250,7 @@ class PlanningPolicy:
         return self._contingencies.find(one.now.down, one.now.phase, one.running) is not None
 
     def _pre_plan(self) -> list[Instruction]:
-        """Give out the next question ahead, if the pre-planner is idle."""
+        """Give out the next question, if the pre-planner is idle."""
         if self._in_pre_planning is not None or not self._ahead:
             return []
         self._number += 1

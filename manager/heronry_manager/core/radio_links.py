@@ -1,14 +1,15 @@
 """The share of each radio's bandwidth that plans may use, from the reports of its gateway.
 
-A report is noisy, and a plan must not follow noise. So there are steps, and plans use one of them:
+Reports fluctuate, and a plan must not follow each fluctuation. So there are fixed steps, and plans use one of them. The
+step of a radio
 
     falls    to the largest step that is not above the reported bandwidth, as soon as two reports in a row are a tenth
              below the present step, since queues grow meanwhile
     rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
              doubled with each fall (up to four times as long), and ten again after a minute without a fall
-    gone     the gateway hears nothing from beyond: all PEs there are lost together. Until some PE beyond is available
-             again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE that
-             returns gets a plan that fits the radio
+    gone     when the gateway hears nothing from beyond, all PEs there are lost together. Until some PE beyond is
+             available again, and at the start, each report sets the step directly: no PE can be interrupted, and a PE
+             that returns gets a plan that fits the radio
 
 Lost: the next report says the same. Late or doubled: dropped, by its sequence number. From another node than the
 gateway: dropped. Forged: see `heronry_wire.gateway_report`. While a gateway is silent the step of its radio stays, and
@@ -78,7 +79,7 @@ class RadioLinks:
         self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
 
     def limits(self) -> Mapping[str, Fraction]:
-        """Give the share of each radio that plans may use, where it is less than all."""
+        """Give the share of each radio that plans may use, for the radios where it is less than the whole."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
@@ -151,5 +152,5 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the largest step that is not above the usable share; nine tenths of the whole count as the whole."""
+    """Give the largest step that is not above the usable share; a share of nine tenths or more counts as the whole."""
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

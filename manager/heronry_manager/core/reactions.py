@@ -59,16 +59,16 @@ class Reactions:
                     self._replanning.fly(target)
                 case TargetReleased():
                     self._replanning.release()
-                case ModuleReleased(module):  # pragma: no branch - nothing else is left
+                case ModuleReleased(module, pe):  # pragma: no branch - nothing else is left
                     if self._claim.is_active:
-                        self._known.deployment.stopped(module)
+                        self._known.deployment.stopped(module, pe)
 
     def fail(self, pe: str, cause: str) -> None:
         """Fail a PE although it sends, for this cause."""
         self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
 
     def discount_losses(self) -> None:
-        """Discount the losses of PEs since this manager hears none, and end the quarantines that they led to."""
+        """Discount the losses of PEs, since this manager itself heard nothing; end the quarantines from them."""
         health = self._known.health
         for pe in health.discount_losses():
             if health.is_quarantined(pe):

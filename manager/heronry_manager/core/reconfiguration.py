@@ -5,30 +5,30 @@
                 must have stopped sending under the identifiers that are placed elsewhere
     GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must report ACTIVE
     HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
-    DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later is still served)
+    DONE        every awaited PE is ACTIVE (a PE that is admitted to the epoch later still gets its slice)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-A step is skipped when there is nothing to wait for. Every message is repeated until it is acknowledged, first after a
-heartbeat period (without losses no answer takes so long: `reconfiguration_bound` checks that), then half as often each
-time. A lost frame costs little, a doubled one nothing, and a slow PE is not flooded. A PE that owes an answer for
-PATIENCE_PERIODS is overdue; the core fails it and plans without it. After the first ACTIVATE only a newer epoch can
-follow.
+A step is skipped when there is nothing to wait for. Every message is repeated until it is acknowledged. The first
+repetition comes after a heartbeat period, since without losses no answer takes so long (`reconfiguration_bound` checks
+that). Each further wait is twice as long. So a lost frame delays little, a doubled frame has no effect, and a slow PE
+is not flooded. If the manager has waited for one answer of a PE for PATIENCE_PERIODS, the PE is overdue; the core fails
+it and plans without it. After the first ACTIVATE only a newer epoch can follow.
 
-*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio is served as well, but the epoch
-does not wait for it, unless that PE must break first: an aircraft never depends on the ground. The PE catches up by
-LEASE.
+*Awaited* are the available PEs that are reached by wire alone. A PE beyond a radio gets its slice as well, but the
+epoch does not wait for it, unless that PE must break first: an aircraft never depends on the ground. Such a PE catches
+up by LEASE.
 
-PREPARE calls a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration needs
-no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
+PREPARE refers to a configuration that is on board (protocol rule 5) by its number. A PE that holds the configuration
+needs no slice. A PE that reports NOT_ON_BOARD, or is known not to hold it, gets its slice as usual.
 
 Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager, the
 driver hands over all waiting frames before any PE counts as overdue (`driver`). A manager that restarts does not know
-an epoch that was under way. A PE that has taken a step of it reports that, and the next mastership adopts the epoch if
-all PEs run it, or opens another one.
+an epoch that was under way. A PE that has taken a step of that epoch reports it. The next mastership then adopts the
+epoch if all PEs run it, and opens another one if not.
 
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
-and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, they are repeated once in half a
-heartbeat period.
+and ACTIVATE are for all PEs, and all PEs answer them: however many PEs are late, these commands are repeated once in
+half a heartbeat period at most.
 """
 
 from collections import deque
@@ -131,7 +131,7 @@ class _Progress:
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
-        """Wait for the PE's next answer from now on."""
+        """Note that the PE must answer from now on."""
         self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
 
     def is_overdue(self, now_ns: int) -> bool:
@@ -247,7 +247,7 @@ class Reconfiguration:
         return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
 
     def all_active(self) -> bool:
-        """Tell whether every awaited PE has taken the last step."""
+        """Tell whether every awaited PE has reported the last step."""
         return all(p.step is Step.GO_ALL for p in self._progress.values() if p.participant.awaited)
 
     def activate(self, must_break: set[str], now_ns: int) -> None:
@@ -260,7 +260,7 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Send GO, and GO_ALL if no DEMUX has to wait for a silent PE: everything else exclusive is free."""
+        """Send GO, or GO_ALL if no DEMUX has to wait for a silent PE; everything else that is exclusive is free."""
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:
@@ -268,7 +268,7 @@ class Reconfiguration:
         self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
-        """Give the epoch up before its first ACTIVATE: none of its messages is sent any more."""
+        """Give up the epoch before its first ACTIVATE; the manager sends no message of it any more."""
         self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()
@@ -327,7 +327,7 @@ class Reconfiguration:
         )
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send a PE the head of its slice, and the body if it wants that; nothing if PREPARE is enough for it."""
+        """Send a PE the head of its slice, and the body if the PE wants it; nothing if PREPARE is enough for the PE."""
         participant = progress.participant
         if not progress.needs_slice:
             progress.asked_ns = now_ns
@@ -358,7 +358,7 @@ class Reconfiguration:
             self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
 
     def _may_repeat(self, now_ns: int) -> bool:
-        """Tell whether a broadcast may be repeated now, and note that it will be."""
+        """Tell whether a broadcast may be repeated now; if so, count it as repeated."""
         may = now_ns >= self._broadcast_ns + self._repeat_ns
         if may:
             self._broadcast_ns = now_ns

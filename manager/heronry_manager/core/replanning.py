@@ -2,24 +2,25 @@
 
     a change      an epoch that is being prepared is abandoned, and a plan is requested: immediately, or once this
                   manager has listened and the start-up window has closed. A standby manager requests nothing
-    a plan        that runs already changes nothing; any other opens an epoch (`deployment`)
-    a script      of the operator names what is to run (`held_script`): it takes the place of a plan that is not better
+    a plan        that runs already changes nothing; any other plan opens an epoch (`deployment`)
+    a script      of the operator names a target (`held_script`), which is deployed in place of the plan if the plan is
+                  not better
     an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
                   background, or the core reports that the configuration has settled (`Settled`)
 
 Desired, commanded and observed stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE
 went out, is commanded; only state frames show what a PE runs.
 
-A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch (LEASE
-goes on repeating its step) until the next one is ready to replace it.
+A fault while an epoch is being prepared ends that epoch. A fault after the first ACTIVATE does not end the epoch: LEASE
+goes on repeating its step until the next epoch is ready to replace it.
 
 *What runs already.* After a restart or a take-over, PEs go on with the configuration that they run. If the manager
-knows that configuration, it adopts it. If it can stay as it is, the optimal plan is requested in the background; if
-not, an immediate plan. If the manager does not know the configuration, it requests a plan, which may turn out to be the
-one that runs.
+knows that configuration, it adopts it. If the configuration can stay as it is, the manager requests the optimal plan in
+the background; if not, it requests an immediate plan. If the manager does not know the configuration, it requests a
+plan, which may turn out to be the one that runs.
 
 *Advising.* A manager that only advises plans as if it were active, reports what it would do (`advice`), and adopts an
-advised plan when the PEs run it. Beside an active manager it follows what that manager holds and activates, as a
+advised plan when the PEs run it. Beside an active manager it follows what that manager announces and activates, as a
 standby manager does (`following`). If the PEs run a configuration that it has neither overheard nor advised, it reports
 that, and advises nothing.
 
@@ -72,7 +73,7 @@ class Replanning:
             self.need(PlanNeeded(change.cause))
 
     def need_higher_epoch(self, pe: str) -> None:
-        """Open a newer epoch if this PE runs a newer one than this manager's; see *overtaken* in `deployment`."""
+        """Open a newer epoch if this PE runs a newer epoch than this manager's; see *overtaken* in `deployment`."""
         is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
@@ -86,21 +87,24 @@ class Replanning:
     # Scripts of the operator
 
     def fly(self, target: Configuration) -> None:
-        """Request the best plan, to compare the target of a script with it."""
+        """Request the best plan, with which the target of a script will be compared."""
         running = self._known.deployment.running
         assert running is not None, "an order to change what runs is refused where nothing does"
         self._known.script.ask(target)
         self.planning.ask_for(target, self._known.situation.now(), running)
 
     def release(self) -> None:
-        """Seek the best plan again, once nothing is under way."""
+        """Seek the best plan again, as soon as nothing is under way; the operator has ended a script."""
         if self.planning.idle:
             self._settle()
 
     # Plans
 
     def ask(self) -> None:
-        """Request a plan; a term that knows what the PEs run adopts that instead of its first request."""
+        """Request a plan.
+
+        If this term knows what the PEs run, it adopts that configuration in place of its first request.
+        """
         is_first = self._claim.commands()
         runs = self._known.following.runs if self._settings.advise else self._turn.memory.runs
         if is_first and self._known.deployment.adopts_remembered(self._known.situation.now(), runs):
@@ -141,7 +145,7 @@ class Replanning:
             deployment.prepare(answer.plan, self.planning.causes)
 
     def _weighed(self, answer: PlanReady) -> PlanReady:
-        """Put the target of a script in the place of a plan that is not better at level 1."""
+        """Give the target of a script in place of a plan that is not better at level 1; else the plan."""
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked
         plan = script.weigh(answer.plan, self._known.situation.now(), deployment.running)
@@ -203,7 +207,7 @@ class Replanning:
         return not verify(spec, now, plan.configuration)
 
     def _settle(self) -> None:
-        """If nothing is under way, request the optimal plan in the background, or report that all has settled."""
+        """If nothing is under way, request the optimal plan in the background, or report `Settled`."""
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:

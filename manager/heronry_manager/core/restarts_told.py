@@ -1,6 +1,6 @@
-"""Restarts of modules by their PE: one event for each restart, though the PE repeats its EMCY.
+"""Reports of a PE that it has restarted a module: one event for each restart, though the PE repeats its EMCY.
 
-    unheard    no EMCY on this module came, or its count was another one
+    unheard    no EMCY on this module came, or it had another count
     heard      the PE has sent this count for this module, and repeats it within T_lease of its bus: no further event
 
 A PE repeats the EMCY in each heartbeat period. Lost, late or doubled: there is one event. An EMCY after a gap of
@@ -22,7 +22,7 @@ class RestartsTold:
         self._heard: dict[tuple[str, str], tuple[int, int]] = {}  # by PE and element: the count, and when it came
 
     def reported(self, pe: str, element: str, times: int) -> None:
-        """Take a PE's report of how often it has built a module anew."""
+        """Take a PE's report that it has restarted a module, and how often."""
         now_ns = self._turn.now_ns
         lease_ns = t_lease_ns(self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns)
         said, at_ns = self._heard.get((pe, element), (0, 0))

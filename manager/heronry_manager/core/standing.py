@@ -1,9 +1,10 @@
-"""The standing of a PE with the manager, and the table of its changes; `health` decides when one happens.
+"""The standing of a PE with the manager, and the table of its changes; `health` decides when a change happens.
 
     WAITING    never heard, the start-up window is open
     UP         heard within its period
     SUSPECT    a period was missed, and the manager has sent PING; still available
-    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
+    DOWN       declared down after `misses` silent periods, or never heard when the window closed, or failed by the
+               manager
     RETURNING  heard again; available after a hold-down without a gap
 
 A PE is available while it is UP or SUSPECT.

@@ -1,16 +1,17 @@
 """What modules report of PEs and buses: suspicions, which the manager assesses by its own evidence.
 
-A module sees a device that it drives, or another module whose data it reads; of a PE or a bus it knows only that
-something does not come. So its report of one fails nothing by itself:
+A module sees a device that it drives, or another module whose data it reads. Of a PE or a bus it only sees that some
+data do not come. So a report about a PE or a bus fails nothing by itself:
 
-    a PE     is asked (PING). If it answers, it stays; if it is silent, it is lost like any other (`health`)
+    a PE     the manager asks it (PING). If the PE answers, it stays; if it is silent, it is lost like any other
+             (`health`)
     a bus    fails by no report. The manager's own bus has carried the report. Another bus works while a PE is available
-             that can be reached over it alone; every bus but the manager's leads to such PEs, since buses form a
+             that can be reached over that bus alone; every bus but the manager's leads to such PEs, since buses form a
              forest. If all of them are lost, the plan does without them already, and they may return
 
-An event tells each suspicion with the evidence (`suspicion`), and one tells what was found (`suspicion_assessed`). A PE
-repeats its report every second while its module sees the fault, so a lost or doubled one changes nothing. A forged one
-costs a PING. A manager that restarts forgets suspicions.
+An event reports each suspicion with the evidence (`suspicion`), and another event what was found
+(`suspicion_assessed`). A PE repeats its report every second while its module sees the fault, so a lost or doubled
+report changes nothing. A forged report leads to a PING. A manager that restarts forgets suspicions.
 """
 
 from heronry_dg.model import Spec
@@ -57,7 +58,7 @@ class Suspicions:
         self._conclude(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
 
     def beat(self) -> None:
-        """Let time pass: a PE that is lost owes no answer, and an old report counts no longer."""
+        """Let time pass: a PE that is lost need not answer, and an old report counts no longer."""
         for pe in sorted(pe for pe in self._asked if not self._health.is_available(pe)):
             self._asked.remove(pe)
             self._conclude(f"pe:{pe}", "it does not answer, and is lost")
@@ -73,7 +74,7 @@ class Suspicions:
         return None if beyond is None else f"pe:{beyond} is heard, which can be reached over it alone"
 
     def _note(self, element: str, by: str) -> bool:
-        """Note a report; tells whether it is not a repetition."""
+        """Note a report; tells whether it is a new one, not a repetition."""
         is_new = (element, by) not in self._told_ns
         self._told_ns[element, by] = self._turn.now_ns
         return is_new

@@ -1,4 +1,4 @@
-"""The ways between the PEs of a spec and the manager's bus. Nothing here depends on what is down."""
+"""The routes between the PEs of a spec and the manager's bus. Nothing here depends on what is down."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ class Radio:
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
-    """Give the bus on which a PE reports: the manager's bus, or the first bus on the way there.
+    """Give the bus on which a PE reports: the manager's bus, or the first bus on the route to it.
 
-    A PE without any way to the manager reports on its first bus, and is never heard.
+    A PE without a route to the manager's bus reports on its first bus, and the manager never hears it.
     """
     buses = spec.pes[pe].buses
     if spec.manager.bus in buses:
@@ -35,9 +35,9 @@ def uplink_bus(spec: Spec, pe: str) -> str:
 
 
 def command_period_ns(spec: Spec, pe: str) -> int:
-    """Give the slowest heartbeat period on the way from the manager to a PE: the period of LEASE and ALIVE there (ns).
+    """Give the period of LEASE and ALIVE at a PE in ns: the longest heartbeat period of a bus on the route.
 
-    For a PE without any way to the manager, its own bus counts.
+    The route is that from the manager to the PE. For a PE without one, its own bus counts.
     """
     way = {spec.manager.bus, uplink_bus(spec, pe)}
     everything = survivors(spec, Situation())

@@ -1,7 +1,7 @@
 """One call of the manager's core: its time, and the actions that the core has requested so far.
 
-The parts that act share the turn instead of handing a time and a list through every call. From one call to the next the
-turn holds what all of them share: the time, the term of this mastership, the memory, and the kinds of the last events,
+The parts that act share the turn, so that not every call passes a time and a list on. From one call to the next the
+turn keeps what all parts share: the time, the term of this mastership, the memory, and the kinds of the last events,
 which an InvariantError lists.
 """
 
@@ -46,7 +46,7 @@ class Turn:
         self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
 
     def keep(self, record: Record) -> None:
-        """Remember a record, over a restart too."""
+        """Keep a record, which survives a restart too."""
         if not self.silent:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))

@@ -1,7 +1,7 @@
 """The events and actions of the manager's core, beside frames and time (`heronry_wire.sansio`).
 
-Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number, by which the core recognises and
-drops an answer to an older request.
+Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number. By this number the core recognises
+and drops an answer to an older request.
 """
 
 from collections.abc import Mapping
@@ -23,8 +23,8 @@ class RequestPlan:
     """Request a plan; answer with PlanReady or PlanFailed and the same number.
 
     running: the running configuration; None: none is known. in_background: the optimal plan is wanted, however long it
-    takes. Else a legal plan is wanted immediately. target: what a script of the operator leads to (`held_script`): the
-    plan is compared with it, and no contingency answers.
+    takes; otherwise a legal plan is wanted immediately. target: the configuration that a script of the operator makes
+    (`held_script`); the plan is compared with it, and no contingency answers.
     """
 
     request: int
@@ -52,7 +52,7 @@ class PlanFailed:
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """The plan for situation `now` runs, and nothing is under way: there is time to pre-plan. Needs no answer."""
+    """The plan for situation `now` runs, and nothing is under way: there is time to pre-plan. No answer is needed."""
 
     now: Situation
     running: Placement
@@ -74,14 +74,17 @@ class Keep:
 
 @dataclass(frozen=True, slots=True)
 class JournalTold:
-    """Report of the journal: why it cannot write records; None: it can again."""
+    """Report of the journal: why it cannot write records; None: it can write again."""
 
     problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelsLost:
-    """Channels of the manager's bus (numbered from 1) that miss the other channel's frames; sent on every change."""
+    """Channels of the manager's bus (numbered from 1) that do not bring the other channel's frames.
+
+    Sent on every change.
+    """
 
     channels: frozenset[int]
 
@@ -145,7 +148,10 @@ class UnlockPe:
 
 @dataclass(frozen=True, slots=True)
 class FlyTarget:
-    """The operator orders what a script makes of the running configuration; None: the script has this `problem`."""
+    """The operator orders the configuration that a script makes of the running one.
+
+    None: the script has this `problem`.
+    """
 
     target: Configuration | None
     problem: str = ""
@@ -175,12 +181,16 @@ class OperatorSaid:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status."""
+    """The answer to an order: what was done, or why not, in a sentence; to AskStatus also the status.
+
+    is_unusable: the order names what the spec does not have, so no manager of this spec could ever take it.
+    """
 
     number: int
     done: bool
     sentence: str
     status: Mapping[str, Any] | None = None
+    is_unusable: bool = False
 
 
 DriverEvent = JournalTold | ChannelsLost | AliveLeft | StoodStill

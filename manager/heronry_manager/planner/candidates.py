@@ -6,9 +6,10 @@ Two passes over the spec, both exact:
 every other possible mode runs. The pass finds the greatest such set, because feedback is legal: two modules that feed
 each other are possible together.
 
-*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), a branch of a
-wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5). The candidates
-contain every legal configuration. Sums (resources, traffic) are not checked here: the solver does that.
+*Useful.* A module is useful if it is the output of a wanted function (priority above 0 in the phase), an end of a
+wanted DEMUX, or feeds a possible mode of a useful module. No other module can serve (semantics rule 5).
+
+Every legal configuration consists of candidates. Sums (resources, traffic) are not checked here: the solver does that.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -102,7 +103,7 @@ def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
 
 
 def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
-    """Remove modes whose needs cannot hold, until none is left."""
+    """Remove modes whose needs cannot hold, until no such mode is left."""
     current = placeable
     while True:
         given = _given(current)

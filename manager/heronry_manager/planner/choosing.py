@@ -35,7 +35,7 @@ class Choosing(Choice):
     """The small model that chooses modules and their modes in one situation."""
 
     def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
-        """`group`: the levels to maximise, no worse than `key` in those above them."""
+        """group: the levels to maximise, among configurations that are no worse than `key` in the levels above."""
         super().__init__(CpModel(), possible)
         self.spent = 0.0  # deterministic time
         self._add_modules()
@@ -45,7 +45,7 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find the upper bound of the merged levels; afterwards the model has only choices that reach it."""
+        """Find the upper bound of the merged levels; afterwards the model allows only choices that reach it."""
         self._model.maximize(self._worth)
         solver = self._solved()
         if solver is None:
@@ -55,7 +55,7 @@ class Choosing(Choice):
         return bound
 
     def cheapest(self) -> Chosen | None:
-        """Find the choice that takes the least CPU, after `bound`; None: the effort was not enough."""
+        """Find the choice that takes the least CPU, after `bound`; None: the effort did not suffice."""
         modules = self.possible.spec.modules
         cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]
         self._model.minimize(weighted(cpu))
@@ -75,7 +75,10 @@ class Choosing(Choice):
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
     def _add_capacities(self) -> None:
-        """Limit the modes that can run only on some PEs to the room there: for all PEs, and the hosts of each mode."""
+        """Limit the CPU, memory and flash of modes to the room on the PEs that can run them.
+
+        The limit is added for all PEs together, and for the set of PEs that can run each mode.
+        """
         modules = self.possible.modules
         everywhere = frozenset(self.possible.left.pe_cpu_millis)
         hosts = {frozenset(pes) for candidate in modules.values() for pes in candidate.hosts.values()}

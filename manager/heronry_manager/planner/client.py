@@ -1,8 +1,8 @@
-"""The manager's end of the planner's process: start it, send requests, read answers, start it anew.
+"""The manager's end of the planner's process: starts it, sends requests, reads answers, starts it anew.
 
-At most one request is inside the process; further requests wait here in their order, so that a write never meets a full
+At most one request is inside the process. Further requests wait here in their order, so that a write never meets a full
 pipe. Only `wait_until_ready`, `ask` and `close` block. An event loop watches `fileno()`, which stays the same for the
-life of the client, and calls `poll()` when that is readable. A process that hangs is the caller's to `cancel`.
+life of the client, and calls `poll()` when it is readable. The caller has to `cancel` when a process hangs.
 
 Every request gets exactly one answer: `Planned` or `Failed`. If the process ends, its request has failed, and the next
 request starts another process. Requests made before `cancel()` get no answer.
@@ -63,10 +63,10 @@ class Failed:
 
 
 class PlannerClient:
-    """One spec's planner in a process of its own, which starts with the client and loads the solver then."""
+    """The planner of one spec in a process of its own, which starts with the client and loads the solver then."""
 
     def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
-        """Start the process. `file`: where `spec` was loaded from; raises PlannerError if it has changed since.
+        """Start the process; raises PlannerError if `file`, from which `spec` was loaded, has changed since.
 
         niceness: 0..19, as in nice(2): a higher value gives the process less time on a busy computer.
         """
@@ -127,9 +127,9 @@ class PlannerClient:
             self._start()
 
     def wait_until_ready(self) -> None:
-        """Block until the process has loaded the solver; raises PlannerError if it ends instead.
+        """Block until the process has loaded the solver; raises PlannerError if the process ends instead.
 
-        A process that hangs is waited for no longer than `LONGEST_START_S`: its requests will fail, and it is replaced.
+        If a process hangs, the call returns after `LONGEST_START_S`: its requests will fail, and it is replaced.
         """
         until_s = time.monotonic() + LONGEST_START_S
         while not self.ready and (left_s := until_s - time.monotonic()) > 0:
@@ -201,7 +201,7 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Make a plan of an answer; the process has verified it and worked out its value."""
+        """Make a plan of an answer, which the process has verified and valued."""
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:
@@ -215,7 +215,7 @@ class PlannerClient:
 def _in_memory(data: bytes) -> BinaryIO:
     """Make a file that child processes inherit and can open by /dev/fd.
 
-    The file is in memory, because not every file system lets a process open an unlinked file again.
+    The file is in memory, because not every file system lets a process open a deleted file again.
     """
     file = os.fdopen(os.memfd_create("heronry-spec"), "w+b")
     file.write(data)
@@ -243,7 +243,7 @@ class _Process:
         self.answers = self._process.stdout
 
     def send(self, line: bytes) -> None:
-        """Write a request; if the process has ended, only reading its answers shows that."""
+        """Write a request; that the process has ended shows only when its answers are read."""
         with suppress(BrokenPipeError):
             self._requests.write(line)
             self._requests.flush()

@@ -5,18 +5,18 @@ are ruled out in one of two ways.
 
 *In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
 window: by then B + sum of ceil((t + 1) / T) x C over all more urgent messages is at most t (all in bit times). The
-demand only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. The
-model has one literal for each moment, and one of these must hold if the message is published. A message that comes over
-a gateway needs a moment on either bus, and both waits together must fit its deadline: then there is one literal for
-each pair. The condition is added once for a message, and holds for every set of other messages. It is not added if the
-deadline is so far away that there are too many moments. The condition is necessary, not sufficient: it leaves out the
-jitter of the others and later instances of the message.
+demand only jumps just after multiples of the periods T, so few moments count: these multiples, and the end of the
+window. The model has one literal for each moment, and one of the literals must hold if the message is published. A
+message that comes over a gateway needs a moment on either bus, and both waits together must fit its deadline: then
+there is one literal for each pair of moments. The condition is added once for a message, and holds for every set of
+other messages. It is not added if the deadline is so far away that there are too many moments. The condition is
+necessary, not sufficient: it leaves out the jitter of the others and later instances of the message.
 
 *Not together.* If a message is late all the same, the model gets a cut: a set of messages that must not all be
-published. The analysis names all messages that the late one depends on. That set is shrunk, one message after the
+published. The analysis names all messages on which the late one depends. That set is shrunk, one message after the
 other, as long as the message is still late: the smaller the set, the more plans its cut rules out. Leaving a message
-out makes no other one later, so a message that is late in a set is late in every larger one (the same message from
-farther away also counts as larger, since it brings more jitter). Neither way excludes a legal plan.
+out makes no other one later, so a message that is late in a set is late in every larger set. A set in which the same
+message comes from farther away also counts as larger, since it brings more jitter. Neither way excludes a legal plan.
 """
 
 from collections.abc import Iterable, Iterator, Set
@@ -51,20 +51,20 @@ class _Room:
     most: int
 
     def holds(self, published: Set[MessageKey]) -> bool:
-        """Tell whether the sum stays within `most` when these are published."""
+        """Tell whether the sum stays within `most` when these messages are published."""
         return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
 
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment `end` at which a message could leave, and the demand (bits) that goes first: fixed, and by message."""
+    """A moment `end` at which a message could leave, and the bits that go first: a number, and bits by message."""
 
     end: int
     always: int
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition that the bus has been free by then."""
+        """Return the condition that the bus has been free by this moment."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -100,7 +100,7 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model when a message leaves in time; tell whether that rules out the `published` set."""
+        """Add to the model when a message leaves in time; tell whether that rules out the set `published`."""
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -136,7 +136,7 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message has time to cross two buses beside more urgent ones; in ns."""
+        """Return the condition that a message can cross two buses in time beside more urgent messages; in ns."""
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
         for one, moment in ((before, first), (hop, then)):
@@ -177,7 +177,7 @@ class Deadlines:
         return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # the response time is rounded up
 
     def _forbid(self, late: Late) -> frozenset[Hop]:
-        """Forbid the set that makes a message late; raises PlannerDefectError if it was forbidden before."""
+        """Forbid the set that makes a message late; raises PlannerDefectError if the set was forbidden before."""
         messages = shrunk(self._times, late)
         if messages in self._forbidden:
             raise PlannerDefectError(f"the search gave messages that it must not combine: {sorted(map(str, messages))}")
@@ -187,7 +187,7 @@ class Deadlines:
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
-    """Return sets of published hops that miss a deadline together; none when all deadlines are met."""
+    """Return sets of published hops that together miss a deadline; no set if all deadlines are met."""
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):
         if not any(known <= late.causes for known in conflicts):

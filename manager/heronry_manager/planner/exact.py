@@ -1,15 +1,15 @@
 """The exact planner: the best legal configuration by docs/semantics.md, proven level by level.
 
-The planner starts from the greedy plan, and builds one model. It maximises each group of levels, then fixes its value:
-the search of later groups may not fall below it. Every solution is analysed before it counts: one that misses a
-deadline (semantics rule 9) is ruled out, and the same group is solved again. So a value is fixed only when a legal
-configuration reaches it. A level that already stands at its bound costs no search: as a rule the greedy plan serves all
-that can be served. If it does not, the planner first chooses what to serve, and then packs it (`choosing`). It searches
-everything only if that leaves a gap to the bound.
+The planner starts from the greedy plan, and builds one model. It maximises each group of levels, then fixes the value
+of that group: the search of later groups may not fall below it. Every solution is analysed before it counts. If a
+solution misses a deadline (semantics rule 9), the model excludes it, and the same group is solved again. So a value is
+fixed only when a legal configuration reaches it. A level that already stands at its bound needs no search: as a rule
+the greedy plan serves all that can be served. If it does not, the planner first chooses what to serve, and then packs
+it (`choosing`). It searches everything only if that leaves a gap to the bound.
 
-Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
-runs out, the best configuration found so far is returned, and the plan says for each level whether it is proven, or how
-good it could be. There is always a plan: at worst the greedy one.
+The planner is deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work,
+`effort`. When it runs out, the planner returns the best configuration found so far, and the plan says for each level
+whether it is proven, or how good it could be. There is always a plan: at worst the greedy one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,8 +52,8 @@ class Planner:
         """Find the best legal configuration for a situation.
 
         running: the running configuration, for the fewest changes (level 4); None: none is known, and changes are free.
-        effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the
-        same on every machine.
+        effort: limit of the search, in the solver's deterministic time. It limits the work, not the time, so that a
+        plan is the same on every machine.
         """
         search = self.solved(now, running, effort=effort)
         return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())

@@ -32,7 +32,7 @@ def explained(spec: Spec, plan: Plan) -> Plan:
 
 
 def _servable_alone(spec: Spec, now: Situation, function: Function) -> bool | None:
-    """Tell whether a function could be served if nothing else were wanted; None: the search did not decide it."""
+    """Tell whether a function could be served if no other were wanted; None: the search gave no answer."""
     wanted = replace(function, criticality={None: "A"}, priority={None: 1})
     possible = candidates(replace(spec, functions={function.name: wanted}), now)
     search = Search(possible, None, ResponseTimes(spec), _EFFORT)

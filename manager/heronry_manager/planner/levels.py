@@ -7,7 +7,8 @@ fast together; a group is cut where its weighted sum would not fit 62 bits:
 
     serving    critical classes and utility: as a rule all can be served, and then no search is needed
     supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
-    thrift     bandwidth and CPU: cutting a graph whose modules mostly have their places; bounded in the same way
+    thrift     bandwidth and CPU: partitioning a graph most of whose modules have their places; the linear relaxation
+               gives the bounds too
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,7 +39,7 @@ class Kind(Enum):
 class Level:
     """A quantity to maximise: the sum of `terms`, which lies in `low`..`high`.
 
-    `position` and `offset` tie it to the objective: `Objective.key()[position]` is the sum plus `offset`.
+    `position` and `offset` give its place in the objective: `Objective.key()[position]` is the sum plus `offset`.
     """
 
     position: int
@@ -119,7 +120,7 @@ def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
 
 
 def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
-    """Make a level of terms, of which at most one in each list of alternatives counts."""
+    """Make a level of terms; of the terms in each list of alternatives at most one counts."""
     groups = [group for group in alternatives if group]
     return Level(
         position,
@@ -177,12 +178,12 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
 
 
 def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
-    """Yield for each DEMUX the least points that its stopped branches lose; a module may be a branch of several."""
+    """Yield for each DEMUX the fewest points that its stopped branches and ends lose; a module counts once."""
     counted: set[str] = set()
-    for demux in possible.spec.demuxes.values():
-        points = [most[branch] for branch in demux.branches if branch in most and branch not in counted]
+    for rivals in (group for demux in possible.spec.demuxes.values() for group in demux.exclusives.values()):
+        points = [most[module] for module in rivals if module in most and module not in counted]
         yield sum(points) - max(points, default=0)
-        counted.update(demux.branches)
+        counted.update(rivals)
 
 
 def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
@@ -191,7 +192,7 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes (negated), without those that no plan can avoid: stopping modules that cannot go on."""
+    """Make the level of changes (negated); it leaves out changes that no plan can avoid: modules that cannot go on."""
     if running is None:
         return _level(6, Kind.SUPPLYING, ())
     alternatives: list[Terms] = []
@@ -208,7 +209,7 @@ def _branches(possible: Candidates, placing: Placing) -> Level:
         7,
         Kind.SUPPLYING,
         (
-            [(placing.runs[branch], -i) for i, branch in enumerate(demux.branches) if branch in placing.runs]
+            [(placing.runs[end], -i) for i, end in enumerate(demux.ends) if end in placing.runs]
             for demux in possible.spec.demuxes.values()
         ),
     )

@@ -4,7 +4,8 @@ One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and 
 sum with one term uses the variable of that term.
 
 The rules of docs/semantics.md, section 3, that this part of the model ensures: semantics rules 1 (place: an impossible
-host has no variable), 4 (at most one branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
+host has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, memory and flash of each PE), 8
+(placement rules).
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -51,7 +52,8 @@ class Choice:
 
     def _one_branch(self) -> None:
         for demux in self.possible.spec.demuxes.values():
-            self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
+            for rivals in demux.exclusives.values():
+                self._model.add_at_most_one(self.runs[module] for module in rivals if module in self.runs)
 
     def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
         """Limit the demand of these modes, and of the code of these modules, to the resources of some PEs together."""
@@ -85,7 +87,10 @@ class Placing(Choice):
         self._together()
 
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
-        """Return literals of which one is true iff a *running* module is on one of `pes`; None: it always is."""
+        """Return literals of which one is true iff a *running* module is on one of `pes`.
+
+        None: the module always is.
+        """
         hosts = self.pes[module]
         if all(pe in pes for pe in hosts):
             return None
@@ -105,10 +110,11 @@ class Placing(Choice):
             yield literal, runs.get(name) == (other, at)
 
     def count_parts(self) -> None:
-        """Add what follows for indivisible modules: no PE takes three above a third of its CPU, or four above a fourth.
+        """Add conditions that follow from modules being indivisible: no PE takes three above a third of its CPU.
 
-        A larger module counts as often as the part goes into it. The solver finds the case of two halves by itself. The
-        other cases do not follow from the linear relaxation, in which half a module may fill the room that is left.
+        Likewise no PE takes four above a fourth. A larger module counts for each such part that it fills. The solver
+        finds the case of two halves by itself. The other cases do not follow from the linear relaxation, in which half
+        a module may fill the room that is left.
         """
         modules = self.possible.spec.modules
         for pe, capacity in self.possible.left.pe_cpu_millis.items():
@@ -151,7 +157,7 @@ class Placing(Choice):
                 self._model.add_at_most_one(self._here(group, pe))
 
     def _together(self) -> None:
-        """Require that the modules of each group run on one PE only."""
+        """Require that the modules of each group of `together` run on one PE only."""
         for number, group in enumerate(self.possible.spec.together):
             homes = {pe: self._here(group, pe) for pe in self.possible.spec.pes}
             chosen = {pe: self._model.new_bool_var(f"together.{number}@{pe}") for pe, here in homes.items() if here}

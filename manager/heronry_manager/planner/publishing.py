@@ -2,8 +2,9 @@
 
 The buses form a forest over the PEs, so taking one bus away splits the PEs into *sides*. A source is published on that
 bus iff some consumer wired to it is on another side than its producer (semantics rule 7: on every bus of the route,
-once for any number of consumers). The model only has this in one direction: a source that is not published may count as
-published, but not the other way round. No plan gets better by publishing more, so the optimum is exact.
+once for any number of consumers). The model has this condition in one direction only: a source that some consumer needs
+there counts as published, and any other source may count as published too. No plan gets better by publishing more, so
+the optimum is exact.
 
 Bandwidth depends on the rate of the producer's mode: if its modes differ in rate, there is a literal for each rate.
 `heronry_manager.planner.deadlines` adds the deadlines (semantics rule 9) where they matter.
@@ -48,9 +49,9 @@ class Publishing:
     def forbid_together(self, hops: Iterable[Hop]) -> None:
         """Add a cut: not all of these hops may be published together.
 
-        For a hop that begins at its source the cut also holds if the message comes from farther away: that adds jitter,
-        and makes no message earlier. For a hop that comes from another bus it holds only if its producer is on the side
-        of that bus.
+        For a hop that begins at its source the cut also holds if the message comes from farther away: the longer way
+        adds jitter, and makes no message earlier. For a hop that comes from another bus the cut holds only if its
+        producer is on the side of that bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -84,7 +85,10 @@ class Publishing:
         return hop.producer, hop.variable, rate_mhz, hop.bus
 
     def _comes_from(self, hop: Hop) -> list[IntVar] | None:
-        """Return literals: one is true iff the running producer's way leads over the bus before; None: always."""
+        """Return literals of which one is true iff the running producer's route leads over the bus before.
+
+        None: the route always does.
+        """
         if hop.after is None:
             return None
         return self._placing.somewhere(hop.producer, _origins(self._possible.left, hop.after, hop.bus))

@@ -1,9 +1,9 @@
 """The safe mode of a phase: the configuration of its critical functions alone, with the fewest changes.
 
-A PE without a manager falls back to the safe mode (`without_manager: safe_mode`), which should be small and near the
-running configuration. So functions of class E are not wanted, all modes are equally good, and optional inputs earn no
-points. The objective is then the critical classes, and next the fewest changes against the phase's fault-free plan. The
-outputs of class E stop, unless a critical function cannot be served without them.
+A PE without a manager falls back to the safe mode (`without_manager: safe_mode`), which should be small and similar to
+the running configuration. So functions of class E are not wanted, all modes are equally good, and optional inputs earn
+no points. The objective is then the critical classes, and next the fewest changes against the phase's fault-free plan.
+The outputs of class E stop, unless a critical function cannot be served without them.
 """
 
 from collections.abc import Mapping

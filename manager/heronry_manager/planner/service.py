@@ -7,8 +7,8 @@ their order on standard output; other output of the process goes to standard err
 before it is sent. If a request fails, its answer is the error, and the process goes on.
 
 The process ends without a message when standard input closes, since the client has ended then, or when an answer can no
-longer be written. A thread waits for the end of standard input, so that a search in progress does not outlive its
-client. A client cancels a request by ending the process.
+longer be written. A thread waits for the end of standard input, so that a search in progress ends with its client. A
+client cancels a request by ending the process.
 """
 
 import os
@@ -65,7 +65,7 @@ def _planned(planner: Planner, request: Request) -> Answer:
 
 
 def _own_standard_output() -> BinaryIO:
-    """Return standard output, for answers alone; other output goes to standard error from now on."""
+    """Return standard output, which is then for answers alone; other output goes to standard error from now on."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return answers

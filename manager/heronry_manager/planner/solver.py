@@ -12,7 +12,7 @@ _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
-    """Yield the searches for levels of a kind, short ones first: functions of an effort that set up a solver.
+    """Yield the searches for levels of a kind, the short ones first: functions that set up a solver for an effort.
 
     A short search soon finds a configuration that reaches the bound of the linear relaxation, if there is one. If
     deadlines, hosts and CPU together forbid that, the core search looks for sets of inputs that cannot be wired
@@ -27,7 +27,7 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
 
 
 def new_solver(kind: Kind, effort: float) -> CpSolver:
-    """Set up a search over everything for levels of a kind. `effort`: its limit, in deterministic time."""
+    """Set up a search over everything for levels of a kind; effort: limit of the search, in deterministic time."""
     solver = light_solver(effort)
     solver.parameters.cp_model_probing_level = 2
     if kind is Kind.SERVING:  # thorough presolve, since choosing and packing have failed
@@ -36,7 +36,10 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
 
 
 def core_solver(effort: float) -> CpSolver:
-    """Set up a search for sets of terms that exclude each other, which the linear relaxation does not bound."""
+    """Set up a search for sets of inputs that exclude each other.
+
+    The linear relaxation gives no bound for such sets.
+    """
     solver = light_solver(effort)
     solver.parameters.optimize_with_core = True
     solver.parameters.core_minimization_level = 1
@@ -45,7 +48,7 @@ def core_solver(effort: float) -> CpSolver:
 
 
 def light_solver(effort: float) -> CpSolver:
-    """Set up a search with little presolve. `effort`: its limit, in deterministic time."""
+    """Set up a search with little presolve; effort: limit of the search, in deterministic time."""
     solver = CpSolver()
     solver.parameters.num_workers = 1
     solver.parameters.catch_sigint_signal = False  # it would end the search, and give a worse plan as the best one
@@ -61,7 +64,7 @@ def light_solver(effort: float) -> CpSolver:
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
-    """Set up searches for places alone, in which the hint fixes all else; if the first fails, the next may not."""
+    """Set up searches for places alone, in which the hint fixes all else; where one fails, the next may succeed."""
     quick = light_solver(effort)
     quick.parameters.linearization_level = 1
     for solver in (new_solver(Kind.SERVING, effort), quick):

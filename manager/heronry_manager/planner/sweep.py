@@ -1,16 +1,16 @@
 """The sweep: the best plan for every fault set up to a size, in several phases, with as few searches as possible.
 
 The sweep takes fault sets by size. For each set, the phase's fault-free plan counts as the running one
-(docs/semantics.md, faults). A set is settled without a search
+(docs/semantics.md, faults). A set is settled without a search in two cases:
 
-    by a plan    if the best plan for the set less one element does not use the lost elements: then it is the best one
-                 here, too (`heronry_dg.losses` has the proof). The set inherits the plan with its worth; if the plan is
-                 not proven to be the best, neither is the inherited one: a bound with fewer faults is a bound with
-                 more.
-    by a twin    if another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
-                 has a purpose, and the same routes between these PEs. A device and its only driver are the usual pair.
+    by a plan    the best plan for the set less one element does not use the elements that the set takes out of use.
+                 Then it is the best plan for the set, too (`heronry_dg.losses` has the proof). The set inherits the
+                 plan with its worth. If the plan is not proven to be the best, neither is the inherited one: an upper
+                 bound with fewer faults holds with more faults, too
+    by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
+                 has a purpose, and the same routes between these PEs. The usual case is a device and its only driver
 
-So a device on a dead PE, a PE behind a dead gateway and all elements that a plan does not use cost no search. Pruning
+So a device on a dead PE, a PE behind a dead gateway and all elements that a plan does not use need no search. Pruning
 never changes the worth of a plan. Between plans of the same worth at all seven levels it may choose another one than
 the planner would.
 
@@ -28,7 +28,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.losses import lost_of, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, placement
-from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.situation import Situation, Survivors, places, survivors
 from heronry_manager.planner.candidates import Candidates, candidates
 
 Phase = str | None
@@ -37,11 +37,16 @@ FaultSet = frozenset[str]
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases."""
+    """The fault sets of a sweep: all sets of up to `faults` of these elements, in these phases.
+
+    places: if true and single faults are planned for, also the loss of each module of a phase's fault-free plan on the
+    PE on which that plan runs it.
+    """
 
     elements: tuple[str, ...]
     faults: int
     phases: tuple[Phase, ...]
+    places: bool = False
 
     def fault_sets(self) -> Iterator[FaultSet]:
         """Give all sets, the smaller ones first; sets of one size in the order of the elements."""
@@ -102,7 +107,7 @@ class Sweep:
     """One sweep; `outcomes` and `tally` fill while it runs."""
 
     def __init__(self, spec: Spec, scope: Scope, *, prune: bool = True) -> None:
-        """Prepare a sweep; prune: False plans every set, to check the proof of pruning."""
+        """Prepare a sweep; `prune`: if False, every set is planned, which checks the proof of pruning."""
         self.outcomes: dict[tuple[Phase, FaultSet], Outcome] = {}
         self.tally = Tally()
         self._spec, self._scope, self._prune = spec, scope, prune
@@ -117,6 +122,21 @@ class Sweep:
                 self._settle(question.phase, question.down, outcome)
             for phase, down, twin in twins:
                 self._settle(phase, down, self.outcomes[phase, twin])
+        in_use = self._places_in_use()
+        for question, outcome in ask(1, in_use) if in_use else ():
+            self._settle(question.phase, question.down, outcome)
+
+    def _places_in_use(self) -> list[Question]:
+        """Give the questions about the places in use: a place that a plan uses always needs another plan."""
+        if not self._scope.places or not self._scope.faults:
+            return []
+        found = [
+            Question(phase, frozenset({place}), self.running(phase))
+            for phase in self._scope.phases
+            for place in places_in_use(self._spec, self.outcomes[phase, frozenset()].configuration)
+        ]
+        self.tally.searched += len(found)
+        return found
 
     def running(self, phase: Phase) -> Placement | None:
         """Give the placement in a phase without faults: its fault-free plan; None until that is known."""
@@ -149,7 +169,10 @@ class Sweep:
         return questions, twins
 
     def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
-        """Give the first set that leaves the same choice, or this one; the cheap, coarse comparison comes first."""
+        """Give the first set that leaves the same choice, or this set itself.
+
+        A cheap, coarse comparison comes first.
+        """
         twin = self._twins.get((phase, rest))
         if twin is None:
             choice = choice_of(candidates(self._spec, Situation(down, {}, phase)))
@@ -170,8 +193,14 @@ class Sweep:
             self._used[id(outcome)] = used_elements(self._spec, outcome.configuration)
 
 
+def places_in_use(spec: Spec, configuration: Configuration) -> list[str]:
+    """Give the places that a configuration uses: modules with a choice of PEs, each on its PE."""
+    used = ((name, f"module:{name}@{running.pe}") for name, running in configuration.modules.items())
+    return [place for name, place in used if place in places(spec, name)]
+
+
 def what_is_left(left: Survivors) -> object:
-    """Give all that plans can use after faults: if it is equal for two fault sets, so are their best plans."""
+    """Give all that plans can use after faults; if that is equal for two fault sets, so are their best plans."""
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),
         tuple(left.pe_cpu_millis.items()),
@@ -181,7 +210,7 @@ def what_is_left(left: Survivors) -> object:
 
 
 def choice_of(possible: Candidates) -> object:
-    """Give all that the best plan of a phase depends on, without limits: which modes may run where, and the routes.
+    """Give all on which the best plan of a phase without limits depends: which modes may run where, and the routes.
 
     PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
     """

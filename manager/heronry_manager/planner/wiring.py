@@ -10,8 +10,8 @@ For a gate that holds with nothing wired below it (0-of-n) both values of the li
 does no harm, since the loader keeps such gates out of a XOR.
 
 *Purpose* (semantics rule 5): a module that serves no function by itself must feed a module that serves. Modules that
-feed each other in a circle must not justify each other, so ranks are used: each module has a higher rank than some
-module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
+feed each other in a circle must not justify each other, so the model has ranks: each module has a higher rank than some
+module that it feeds. There are ranks only for modules on such circles (strongly connected parts of "could feed").
 """
 
 from collections.abc import Iterable, Iterator

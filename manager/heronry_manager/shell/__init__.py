@@ -1,1 +1,1 @@
-"""The part of the manager with input and output: the loop, the operator's socket, the journal on disk."""
+"""The part of the manager that has input and output: the loop, the operator's socket, the journal on disk."""

@@ -1,7 +1,7 @@
 """An operator's call to a running manager: one order, one answer.
 
-The caller gives no order to a process of another user, since anybody can listen at a path that is not protected; only
-root, who may use the managers of all users, trusts the path that was named.
+The caller gives no order to a process of another user, since any process can listen at a path that is not protected.
+Only root trusts the path that was named, because root may use the managers of all users.
 """
 
 import os
@@ -83,7 +83,7 @@ def find_socket(name: str | None) -> Path:
 
 
 def _is_listened_on(path: Path) -> bool:
-    """Tell whether a process listens there: a manager that was killed has left its socket behind."""
+    """Tell whether a process listens on a path; a manager that was killed has left its socket behind."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(PATIENCE_S)
         try:

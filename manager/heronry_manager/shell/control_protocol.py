@@ -3,7 +3,8 @@
     {"v": 1, "do": "status"}                        {"v": 1, "done": true, "sentence": "", "status": {...}}
     {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
     {"v": 1, "do": "priority", "what": "imaging", "to": 90}          to: null for the priority of the spec
-    {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ..."}
+    {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ...",
+                                                     "unusable": true}      what the order names is not in the spec
     {"v": 1, "do": "clear", "what": "device:gps"}
     {"v": 1, "do": "unlock", "what": "pe:nav"}
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
@@ -36,7 +37,10 @@ LONGEST_ORDER_BYTES = 65536  # a script of a thousand lines
 
 @dataclass(frozen=True, slots=True)
 class FlyScript:
-    """The operator orders to fly a script of component graphs; `script_orders` makes its target of it."""
+    """The operator orders the target of a script of component graphs.
+
+    `script_orders` computes the target from the text.
+    """
 
     text: str
 
@@ -72,6 +76,7 @@ class Answer:
     done: bool
     sentence: str
     status: Mapping[str, Any] | None = None
+    is_unusable: bool = False  # the order names what the spec does not have
 
 
 def order_line(order: Spoken) -> bytes:
@@ -116,8 +121,10 @@ def read_order(line: bytes) -> Spoken | str:
 
 def answer_line(answer: Answer) -> bytes:
     """Encode a reply."""
-    status = {} if answer.status is None else {"status": answer.status}
-    return _line({"v": VERSION, "done": answer.done, "sentence": answer.sentence, **status})
+    more: dict[str, Any] = {} if answer.status is None else {"status": answer.status}
+    if answer.is_unusable:
+        more["unusable"] = True
+    return _line({"v": VERSION, "done": answer.done, "sentence": answer.sentence, **more})
 
 
 def read_answer(line: bytes) -> Answer | None:
@@ -125,7 +132,8 @@ def read_answer(line: bytes) -> Answer | None:
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:
             status = rest.get("status")
-            return Answer(done, sentence, status if isinstance(status, dict) else None)
+            is_unusable = rest.get("unusable") is True
+            return Answer(done, sentence, status if isinstance(status, dict) else None, is_unusable)
         case _:
             return None
 

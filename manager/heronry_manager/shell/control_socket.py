@@ -1,9 +1,9 @@
 """The operator's UNIX-domain socket of a running manager, read by the driver's loop. No call here blocks.
 
 A lock beside the socket shows that a manager listens: the manager holds it as long as its process lives, and the kernel
-releases it however the process ends. A manager that gets the lock replaces a socket that was left behind (SIGKILL). A
-second manager does not get the lock, and stops with an error. Only its owner and root can open the socket; the kernel
-tells the user of each caller, and others are dropped.
+releases it however the process ends. A manager that gets the lock replaces a socket that a killed manager has left
+behind. A second manager does not get the lock, and stops with an error. Only the manager's user and root can open the
+socket. The kernel names the user of each caller, and callers of any other user are dropped.
 
 A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts with the followers.
 
@@ -64,7 +64,7 @@ class ControlSocket:
         self.close()
 
     def readers(self) -> list[socket.socket]:
-        """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
+        """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
         return [self._listener, *self._callers, *self.followers.readers()]
 
     def poll(self) -> list[OperatorSaid | ScriptSaid]:
@@ -84,7 +84,7 @@ class ControlSocket:
         """Answer an order; the answer is lost if the caller has hung up."""
         caller = self._awaiting_answer.pop(reply.number, None)
         if caller in self._callers:
-            self._tell(caller, Answer(reply.done, reply.sentence, reply.status))
+            self._tell(caller, Answer(reply.done, reply.sentence, reply.status, reply.is_unusable))
 
     def close(self) -> None:
         """Close the socket and every call, and release the lock."""
@@ -130,7 +130,7 @@ class ControlSocket:
     def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | ScriptSaid | None:
         order = read_order(line)
         if isinstance(order, str):
-            self._tell(caller, Answer(done=False, sentence=order))
+            self._tell(caller, Answer(done=False, sentence=order, is_unusable=True))
             return None
         if isinstance(order, Follow):
             self._follow(caller)
@@ -164,7 +164,7 @@ class ControlSocket:
 
 
 def _locked(file: Path) -> IO[str]:
-    """Take the lock and keep it for as long as the file is open; raises ControlError if another process holds it."""
+    """Take the lock of a file, which ends when the file is closed; raises ControlError if another process holds it."""
     try:
         lock = file.open("a+")
     except OSError as error:

@@ -5,9 +5,9 @@ before the core handles a deadline. So a time in which this process did not run 
 nodes. Time is CLOCK_MONOTONIC.
 
 While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that cannot receive
-must not count that as silence of all PEs. Afterwards the manager goes on with its term and the operator's orders. PEs
-that went on too are as the manager knew them, a restarted PE reports a new incarnation, and a manager that took over
-meanwhile has a higher term.
+must not count that as silence of all PEs. Afterwards the manager goes on with its term and the operator's orders. Three
+cases are possible then. PEs that went on are as the manager knew them. A PE that restarted reports a new incarnation. A
+manager that took over meanwhile has a higher term.
 
 The loop ends when the core gives Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends
 because the process that started the manager is gone.
@@ -147,7 +147,7 @@ class ManagerDriver:
         }
 
     def _look_after_journal(self) -> None:
-        """Sync the journal to the disk once every frame is out; tell the core when a problem begins and ends."""
+        """Sync the journal to the disk once every frame is out; report to the core when a problem begins and ends."""
         if self._journal is None:
             return
         if self._link.nothing_waits:
@@ -167,7 +167,7 @@ class ManagerDriver:
         return None if core_ns is None or self._frozen_ns is not None else core_ns + self._stood_still_ns
 
     def _measure_lateness(self, now_ns: int) -> None:
-        """Hand a standstill of this computer to the core, before anything that may follow from it."""
+        """Hand a standstill of this computer to the core, before any event that may follow from it."""
         stood_still = self._meter.woke(now_ns, time.thread_time_ns())
         if stood_still is not None:
             self._step(stood_still)

@@ -17,15 +17,16 @@ When each part is on disk:
 
     terms, blocks of numbers   fsynced before `write` returns, hence before any later frame
     facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by a thread
-                               that `sync` starts, so that a slow disk holds no frame up
+                               that `sync` starts, so that a slow disk delays no frame
     the whole file             a draft is fsynced and replaces the old file; then the folder is fsynced
 
-A disk that is full or read-only does not stop the manager: `problem` says what is wrong, the memory goes on without the
-disk, and every later write, and `sync` every `RETRY_NS`, try to write the whole file anew. Until a write succeeds, a
+A disk that is full or read-only does not stop the manager. `problem` says what is wrong, and the memory goes on without
+the disk. Every later write, and `sync` every `RETRY_NS`, try to write the whole file anew. Until a write succeeds, a
 restart may use a term or a block of numbers a second time.
 
-A file that holds nothing, as a full disk or a power cut may leave it, is begun anew, and `warning` says so: this must
-not be the end of managing. A pipe or a folder in its place, and a journal of a later version, are refused.
+If the file is empty, as a full disk or a power cut may leave it, the journal begins anew, and `warning` says so: an
+empty file must not keep a manager from starting. A pipe or a folder in its place, and a journal of a later version, are
+refused.
 
 A journal belongs to one spec. If the spec has changed the manager starts only with `--changed-spec`: then the numbers
 stay, and the facts, which are about another aircraft, are dropped. Only one manager at a time may write a journal: a
@@ -70,7 +71,7 @@ def whole_journal(spec: Spec, memory: Memory) -> bytes:
 
 
 def recovered(data: bytes) -> tuple[Memory, str | None]:
-    """Read a journal, damaged or not; gives the memory, and the digest of its spec (None: that is damaged)."""
+    """Read a journal, damaged or not; gives the memory, and the digest of its spec (None if the digest is damaged)."""
     contents = dict(_whole_lines(data))
     first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
     facts, numbers = NOTHING, NOTHING

@@ -1,10 +1,10 @@
 """The processes that plan, behind the planning policy: requests go to them, and their answers come back.
 
-The planner's process is started before the flight; the pre-planner's with its first question.
+The planner's process is started before the flight, the pre-planner's process with its first question.
 
 Every request has a budget, from the moment it is made. A process that has not answered by then hangs (it was stopped,
-its disk does not answer, the search does not end): it is killed and replaced, and all its requests have failed. The
-policy then has the greedy planner, which needs no process, make a plan that the aircraft waits for.
+its disk does not answer, the search does not end): it is killed and replaced, and all its requests have failed. If the
+aircraft waits for the plan, the policy then uses the greedy planner, which needs no process.
 `heronry_manager.core.planning_policy` decides which process gets which request.
 """
 
@@ -56,18 +56,21 @@ class PlannerProcesses:
     def __init__(
         self, policy: PlanningPolicy, planner: PlannerLink | None, start_pre_planner: Callable[[], PlannerLink]
     ) -> None:
-        """`planner`: None where there is no solver; the policy must know that, and starts no pre-planner."""
+        """planner: None where there is no solver. The policy must know this, and then starts no pre-planner."""
         self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
         self._pre_planner: PlannerLink | None = None
         self._until_ns: dict[int, int] = {}  # by request in the planner: the end of its budget
         self._ahead_until_ns: dict[int, int] = {}  # and in the pre-planner
 
     def readers(self) -> list[PlannerLink]:
-        """Give what an event loop must watch: one of these is readable when `poll` has something to do."""
+        """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
         return [one for one in (self._planner, self._pre_planner) if one is not None]
 
     def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
-        """Hand a request or report of the core to the policy; returns an immediate answer, `poll` any later one."""
+        """Hand a request or report of the core to the policy; returns an immediate answer.
+
+        `poll` gives later answers.
+        """
         return self._carry_out(self._policy.step(told))
 
     def poll(self) -> list[PlanReady | PlanFailed]:

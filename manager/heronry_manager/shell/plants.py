@@ -1,8 +1,8 @@
 """What the running plan means for the plants of the spec: an event after every epoch, and a part of the status.
 
-The core knows no plants. A component graph is derived from the spec and the core's plan (`heronry_pcs`) when an epoch
-runs everywhere or was adopted, and when the status is asked for. Nothing here changes a plan. A spec without plants has
-no such event, and no such key in the status.
+The core knows no plants. When an epoch runs everywhere or was adopted, and when the status is requested, a component
+graph is derived from the spec and the core's plan (`heronry_pcs`). Nothing here changes a plan. A spec without plants
+has no such event, and no such key in the status.
 """
 
 from collections.abc import Mapping
@@ -23,14 +23,14 @@ class Plants:
         self._spec = spec
 
     def after(self, told: Mapping[str, Any], plan: Plan | None) -> dict[str, Any] | None:
-        """Give the event that follows another event of the core, whose plan this is; None: none follows."""
+        """Give the event that follows another event of the core, whose plan this is; None if no event follows."""
         if told["event"] not in _RUNS or plan is None or not self._spec.plants:
             return None
         states = path_states(control_paths(self._spec, plan.configuration))
         return event("control_paths", told["t_ns"], epoch=told["epoch"], plants=states)
 
     def status(self, plan: Plan | None) -> dict[str, Any]:
-        """Give what the status says of plants: by name the state of its control path, and why it is not closed."""
+        """Give the part of the status about plants: by name the state of the control path, and why it is not closed."""
         if plan is None or not self._spec.plants:
             return {}
         paths = control_paths(self._spec, plan.configuration)

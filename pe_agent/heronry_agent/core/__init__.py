@@ -1,1 +1,1 @@
-"""All decisions of a PE: state machines without a clock, a socket, a thread, a process or a file."""
+"""The part of the agent that decides: state machines without a clock, a socket, a thread, a process or a file."""

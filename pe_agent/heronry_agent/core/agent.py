@@ -78,7 +78,8 @@ class AgentCore:
         """Start unconfigured; the first deadline is now.
 
         incarnation: 0..255, different from that of the last start of this PE.
-        missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
+        missing_images: images of the table that cannot be loaded here: their modules are reported before the first
+        page 1, and a slice that names one is refused.
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
         followed: actuators of other PEs whose echoes the plant of this PE follows; None: all.
         Raises TableError where the table contradicts itself.
@@ -239,10 +240,11 @@ class AgentCore:
             self._turn.note("late", f"this computer stood still for {event.for_ns // _NS_PER_MS} ms")
 
     def _images_missing(self, event: ImagesMissing) -> None:
-        """Note images that cannot be loaded: from now on, slices that name one are refused."""
+        """Take up images that cannot be loaded: report their modules; from now on, refuse slices that name one."""
         self.staging.reader.missing_images |= event.images.keys()
         for image, reason in sorted(event.images.items()):
             self._turn.note("image", f"{image} cannot be run here: {self.modules.cannot_run(image, reason)}")
+        self.modules.lack(event.images.keys())
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:

@@ -6,18 +6,19 @@ time at which the command itself arrived; if the command is forwarded, its TAG f
 changes nothing; it is counted (`command_tags.Refusal`), and page 3 of the state reports the count.
 
 A *welcome*. After its own start a PE accepts no command, since every command that it hears may be old. The PE sends a
-nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce: it proves which numbers the commands
-of this manager have from then on. The PE sends a nonce, once in a heartbeat period, while it hears a manager that has
-not welcomed it: after a restart of either side, after a takeover by the standby manager, and when the PE has missed so
-many commands that no number fits any more and has accepted no command for T_lease. Only the active manager sends a
-WELCOME. The WELCOME names a term as any command does, so from then on commands of the previous manager are refused.
+nonce (page 2), and the manager answers with a WELCOME whose tag covers that nonce. The WELCOME proves which numbers the
+commands of this manager have from then on. The PE sends a nonce, once in a heartbeat period, while it hears a manager
+that has not welcomed it. This is so in three cases: after a restart of either side; after a takeover by the standby
+manager; and when the PE has missed so many commands that no number fits any more, and has accepted no command for
+T_lease. Only the active manager sends a WELCOME. The WELCOME names a term as any command does, so from then on commands
+of the previous manager are refused.
 
 A *session*. The number of the WELCOME also identifies the session under which the states of this PE are tagged from now
 on; a manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed
 the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a session, the tag is 0.
 
 An *EMCY* is authenticated by the next page 0: the tag of the page covers one pending EMCY; if several are pending, the
-pages cover them in turn. A new EMCY causes an immediate page 0, so authentication costs no time.
+pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
 
 A *lock*. NMT commands and SDO downloads are refused until the active manager sends UNLOCK to this PE, and again after
 the time that UNLOCK gives. While the lock is open any node can send SDO requests, since the bus does not show their
@@ -197,7 +198,7 @@ class Authenticity:
             self._tell()
 
     def _tell(self) -> None:
-        """Send page 3: the running digest (a tagged page 0 has no room for it) and the counts of refused commands."""
+        """Send page 3: the running digest, for which a tagged page 0 has no room, and counts of refused commands."""
         facts, refused = self._facts(), self._verifier.refused
         unproven = refused[Refusal.UNPROVEN]
         other = refused.total() - unproven - refused[Refusal.UNKNOWN]  # every start has some of those

@@ -92,7 +92,7 @@ class CanopenNode:
         return self._reconfiguration.running.epoch != NO_EPOCH
 
     def _is_managed(self) -> bool:
-        """Tell whether the PE hears a manager and is not unlocked."""
+        """Tell whether the PE hears a manager and its lock is closed (without a key: hears a manager)."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
         return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
 
@@ -134,7 +134,7 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer a request, and then leave the bus free for two pauses: one for the request, one for the answer."""
+        """Answer a request, and then leave the bus free for two pauses: one after the request, one after the answer."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns

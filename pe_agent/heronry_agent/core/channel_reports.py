@@ -5,10 +5,10 @@ The driver compares the channels (`ChannelsLost`); this file reports the result 
     lost    CHANNEL_LOST immediately, and again every second for as long as it lasts
     back    CHANNEL_BACK, once
 
-These reports are not acknowledged: the manager counts a channel as well when no PE has reported it for a while. So a
-lost CHANNEL_LOST delays the manager's knowledge by one second, and a lost CHANNEL_BACK by three. A manager that
-restarts or takes over learns of a lost channel within one second, and the reports of a PE that dies expire. No plan
-changes for such a report, since the bus itself still carries frames.
+These reports are not acknowledged. The manager also counts a channel as back when no PE has reported it lost for a
+while. So a lost CHANNEL_LOST delays the manager's knowledge by one second, and a lost CHANNEL_BACK by three. A manager
+that restarts or takes over learns of a lost channel within one second, and the reports of a PE that dies expire. No
+plan changes for such a report, since the bus itself still carries frames.
 """
 
 from heronry_agent.core.table_index import TableIndex
@@ -32,7 +32,7 @@ class ChannelReports:
         self._lost: set[tuple[int, int]] = set()  # port, channel
 
     def told(self, port: int, lost: frozenset[int]) -> None:
-        """Take the set of lost channels of a port from the driver: note it, and report changes to the manager."""
+        """Take the set of lost channels of a port from the driver, and report the changes to the manager."""
         self._note(self._index.table.ports[port].bus, lost)
         now_lost = {(port, channel) for channel in lost}
         back = sorted(one for one in self._lost - now_lost if one[0] == port)

@@ -56,7 +56,7 @@ _BROADCAST = 0
 
 @dataclass
 class CommandAcceptance:
-    """Receives the frames of managers, and has the other parts execute the commands."""
+    """Receives the frames of managers, and lets the other parts execute the commands."""
 
     turn: Turn
     index: TableIndex
@@ -80,7 +80,7 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether a command is accepted; a refusal is counted, and a new term noted."""
+        """Tell whether a command is accepted; counts a refused command, and notes a new term."""
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -174,7 +174,8 @@ class CommandAcceptance:
     def _prepare(self, command: Prepare) -> None:
         """Stage an epoch.
 
-        If it is a contingency on board, hold back data, so that the answers and ACTIVATE pass quickly.
+        If its configuration is a contingency on board, also hold back data, so that the answers and ACTIVATE pass
+        quickly.
         """
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
@@ -182,7 +183,7 @@ class CommandAcceptance:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take a step of the configuration that runs or is staged here; if it is another one, this PE is overtaken."""
+        """Take a step of an epoch that runs or is staged here; if it is of another epoch, this PE is overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
         self.mastership.has_activated |= order.step is Step.GO_ALL
@@ -212,7 +213,7 @@ class CommandAcceptance:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Withdraw unsent data frames whose source this PE no longer sends, or sends from another producer."""
+        """Withdraw unsent data frames that the new slice does not let this PE send, or takes from another producer."""
         made_by, wanted_of = _producers(before), _producers(after)
         gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))

@@ -48,6 +48,7 @@ class Deadlines:
             if not self.canopen.booted:
                 for text in self.start_notes:
                     turn.note("start", text)
+                self.modules.lack(self.staging.reader.missing_images)
             self.canopen.tick()
         if now_ns >= self.state_reports.reporting.next_ns:
             self.state_reports.tick()

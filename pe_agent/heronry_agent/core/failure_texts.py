@@ -1,9 +1,9 @@
-"""The last failure of each module as text: what an EMCY has no room for.
+"""The last failure of each module as text, for which an EMCY has no room.
 
 The agent keeps one reason and one traceback for each module of its table, at most 2.2 kB: the newest failure replaces
-the one before it. The texts stay until the agent ends, also when the fault is cleared or the module runs again, so a
-reader may come late. Objects 2015h and 2016h give them to any SDO client; the manager reads the reason when an EMCY
-has told it of the failure. A text comes from the code of a module, so it is made plain first (`failure_text`).
+the one before it. The texts stay until the agent ends, even if the fault is cleared or the module runs again, so a
+reader may come late. Objects 2015h and 2016h give the texts to any SDO client; the manager reads the reason when an
+EMCY has reported the failure. A text comes from the code of a module, so it is made plain first (`failure_text`).
 """
 
 from heronry_agent.core.vocabulary import Failure

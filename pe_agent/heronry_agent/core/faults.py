@@ -15,10 +15,12 @@ is sent once in a heartbeat period, and the same cause adds no second one.
 
 A restart of a module, and a report of a PE or a bus (a suspicion, which the manager assesses), are reported in the same
 way, but do not stay on record. A restart is acknowledged separately from a fault of the same module: if the module is
-given up after the restart, the manager must learn that too. A fault on record is reported again to every new active
-manager, since the previous manager may have acknowledged the fault and died before the standby manager knew. There is
-one exception: if this PE was cut off from all other nodes after the acknowledgement (`tell_all_again`), it may have
-missed a CLEAR. Then it reports the fault only if the fault is that of a module which it would run (`tell_again`).
+given up after the restart, the manager must learn that too.
+
+A fault on record is reported again to every new active manager, since the previous manager may have acknowledged the
+fault and died before the standby manager knew. There is one exception: if this PE was cut off from all other nodes
+after the acknowledgement (`tell_all_again`), it may have missed a CLEAR. Then it reports the fault only if the faulty
+element is a module that the PE would run otherwise (`tell_again`).
 
 A fault of an element that may serve a function of class A is flight-critical: with every EMCY of it the PE also sends a
 CANaerospace emergency event. The event carries the code, and kind and index in one signed byte each; -1 stands for a

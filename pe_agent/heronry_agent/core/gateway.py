@@ -4,10 +4,11 @@
                             content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
     up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
                             reports of gateways there
-    data                    as the slice commands: each source from the node to the ports that the slice names. If the
-                            producing module may also run on this side, forwarding its data up is an exclusive output of
-                            this PE (protocol rule 6): a manager that counts this PE as down counts all nodes beyond it
-                            as down, and may have started that module on this side
+    data                    as the slice commands: each source from the node to the ports that the slice names
+
+If the producing module may also run on this side, forwarding its data up is an exclusive output of this PE (protocol
+rule 6). The reason: a manager that counts this PE as down counts all nodes beyond it as down, and may have started that
+module on this side.
 
 Frames to a radio away from the manager go through `radio_port`, which knows its bandwidth.
 
@@ -60,7 +61,7 @@ class Gateway:
 
     @property
     def rising_ids(self) -> set[int]:
-        """Identifiers of reports that are forwarded up from some port."""
+        """Identifiers of reports that are forwarded to the uplink from some port."""
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
@@ -73,7 +74,7 @@ class Gateway:
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
-        """Forward an accepted command; `meaning` is its bytes without those that change with every frame."""
+        """Forward an accepted command; `meaning`: its bytes without those that change in every frame."""
         if command is Command.SLICE:
             return self.toward(slice_node(frame.data), frame)
         if command not in (Command.LEASE, Command.ALIVE):

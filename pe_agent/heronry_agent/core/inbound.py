@@ -76,7 +76,7 @@ class Inbound:
         self.quiet = self._quiet_ids()
 
     def withdraw_exclusive(self) -> None:
-        """Withdraw the exclusive frames that wait to be sent, since another PE may now send under their identifiers."""
+        """Withdraw the exclusive frames that wait to be sent, since another PE may now send under these identifiers."""
         self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
 
     def _fixed_handlers(
@@ -123,10 +123,9 @@ class Inbound:
     def _contested_until_ns(self, now_ns: int) -> int | None:
         """Time in ns until which the exclusive frame that has just arrived may be forwarded to the uplink.
 
-        None: the frame may not be forwarded there.
-
-        A frame that arrived during a pause of this process is never forwarded there: a command that ends the
-        authorization may have arrived after it, and not have been executed yet.
+        None: the frame may not be forwarded there. A frame that arrived during a pause of this process is never
+        forwarded there: a command that ends the authorization may have arrived after it, and not have been executed
+        yet.
         """
         turn = self._turn
         return (

@@ -13,13 +13,13 @@ they alone count. The asymmetry is intended: a late reduction lets a queue grow,
 An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
 lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
 
-    gone        no frame was heard for as many periods as that bus allows to be missed, and an eighth. So the nodes
-                beyond are lost together, before any one of them is missed by itself. When a frame is heard again, the
-                measurement begins anew
+The radio is *gone* when no frame was heard for as many periods as its bus allows to be missed, and an eighth. So all
+nodes beyond are lost together, before any one of them is missed by itself. When a frame is heard again, the measurement
+begins anew.
 
-A sequence begins anew after a reboot of its sender, and after ten periods in which other sources were heard but not
-this one: its frames may have taken another route. A doubled or late frame is not counted as a loss. A forged state
-frame looks like a loss: that reduces the bandwidth to the ground, and does not affect the aircraft.
+A sequence begins anew after a reboot of its sender. It also does so after ten periods in which other sources were heard
+and this one was not, because its frames may have taken another route. A doubled or late frame is not counted as a loss.
+A forged state frame looks like a loss: that reduces the bandwidth to the ground, and does not affect the aircraft.
 """
 
 from collections import deque

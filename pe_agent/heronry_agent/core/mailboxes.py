@@ -1,8 +1,8 @@
 """The inputs of the modules: the last datum of every source that this PE reads, and when a module gets it.
 
-A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. If the origin stays when a
-new slice rewires the mailbox, its datum stays too; if the origin changes, the mailbox is emptied, since a datum of the
-old producer must not be used any more. A datum from another node, of another type, or without a version is refused.
+A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. If a new slice keeps the
+origin, the mailbox keeps its datum. If the origin changes, the mailbox is emptied, since a datum of the old producer
+must not be used any more. A datum from another node, of another type, or without a version is refused.
 
 A leaf gets a datum if the leaf accepts its version and the datum is fresh: no older than three of the longest periods
 of its source. Before the first datum a leaf gets the variable's `initial` value, if there is one, in the best version
@@ -33,7 +33,10 @@ class Mailbox:
     __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
 
     def __init__(self, node: int, type_code: int, payload_bytes: int, max_age_ns: int) -> None:
-        """node: node-ID of the producer's PE."""
+        """node: node-ID of the producer's PE. The other arguments describe the data frames.
+
+        `max_age_ns`: how long one is fresh.
+        """
         self.node = node
         self._type_code = type_code
         self._length = HEADER_BYTES + payload_bytes

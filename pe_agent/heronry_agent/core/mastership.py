@@ -1,18 +1,18 @@
 """Which manager a PE follows: that of the highest term heard (protocol rule 7), and whether its lease still runs.
 
-A term belongs to the manager that was first heard with it: two managers never use the same term, so a command of
-another manager under that term is as stale as one with a lower term. The lease is heard as long as a LEASE of the
-highest term came within T_lease. If the lease is lost, modules continue (policy `keep`); the state frames report the
-loss, and the standby manager counts those reports. A manager that has just become active does not know what runs, nor
-which PEs have released their exclusive outputs, until a LEASE or ACTIVATE of its term names the last step
-(`has_activated`).
+A term belongs to the manager that was first heard with it. Two managers never use the same term, so a command of
+another manager under that term is as stale as one with a lower term. The lease runs as long as a LEASE of the highest
+term came within T_lease. If the lease is lost, modules continue (policy `keep`); the state frames report the loss, and
+the standby manager counts those reports. A manager that has just become active does not know what runs, nor which PEs
+have released their exclusive outputs, until a LEASE or ACTIVATE of its term names the last step (`has_activated`).
 
 Up to four LEASEs in a row may be lost within T_lease. A doubled LEASE has no effect. A late LEASE counts from its time
 of arrival, not from when it is read, so that a pause of the process does not prolong a lease. For forged ones see
 `authenticity`.
 
 The term is kept in memory only. A PE that restarts runs nothing, and follows the first manager that it hears. If that
-manager has been replaced, the active manager sees the configuration that it commands as an unknown epoch, immediately.
+manager has been replaced, the PE reports the epoch that the old manager commands. The active manager sees immediately
+that it does not know this epoch.
 """
 
 from heronry_wire.management import MAX_TERM
@@ -32,7 +32,7 @@ class Mastership:
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
-        """Tell whether a command of this manager and term is accepted, and remember the term if it is the highest."""
+        """Tell whether a command of this manager and term is accepted; remembers the term if it is the highest."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:

@@ -5,14 +5,14 @@
     OPERATIONAL       a manager has configured the PE, or NMT commanded start
     STOPPED           NMT commanded stop: the SDO server is silent, everything else goes on
 
-An aircraft must not lose its elevator to two bytes that any node can send. The manager decides what a PE runs, by the
-management protocol; NMT never starts, stops or holds a module. While a PE is configured, or hears a LEASE, it refuses
-and counts every NMT command. NMT works as CiA 301 defines it only on a PE that runs nothing and hears no manager: on a
-desk. There a stop disables only SDO, and ends as soon as the PE hears a manager.
+Any node can send an NMT command of two bytes, so no such command may stop an aircraft's elevator. The manager decides
+what a PE runs, by the management protocol; NMT never starts, stops or holds a module. While a PE is configured, or
+hears a LEASE, it refuses and counts every NMT command. NMT works as CiA 301 defines it only on a PE that runs nothing
+and hears no manager: on a desk. There a stop disables only SDO, and ends as soon as the PE hears a manager.
 
-Reset node and reset communication have the same effect, since nothing runs that could be reset: the heartbeat time
+Reset node and reset communication have the same effect, since nothing runs that could be reset. The heartbeat time
 returns to its value at power-on, the error history and any SDO transfer are dropped, and boot-up is sent again, at most
-once in SHORTEST_HEARTBEAT_MS. The incarnation does not change, since nothing that a manager relies on is lost.
+once in SHORTEST_HEARTBEAT_MS. The incarnation does not change, since nothing is lost on which a manager relies.
 
 If a command is lost, the NMT master sees no effect in the heartbeat, and repeats the command. A doubled command causes
 a second boot-up at most. A forged command has the effect of a true one.

@@ -11,7 +11,7 @@
 
 Other services and other channels are not answered; malformed requests are counted. If a request or an answer is lost,
 the client sends the request again. A doubled request gets two answers at most. A forged request has the effect of a
-true one: it costs a few frames, and never affects an output.
+true one: the node sends a few frames more, and no output is affected.
 """
 
 from collections.abc import Callable
@@ -60,7 +60,7 @@ class NodeServices:
         return min(self._identification.next_ns, self._state_due_ns)
 
     def take(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
-        """Take a request, and give the frames to send immediately, or why the request is malformed."""
+        """Take a request; gives the frames to send immediately, or the reason why the request is malformed."""
         request = decode_service(frame)
         if isinstance(request, Malformed):
             return request

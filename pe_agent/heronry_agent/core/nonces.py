@@ -20,7 +20,7 @@ class Nonces:
         self._nonce, self._drawn, self._drawn_ns = NO_NONCE, 0, now_ns
 
     def good(self, now_ns: int) -> int:
-        """Nonce to which an answer is still accepted, or NO_NONCE."""
+        """Nonce to which an answer is still accepted; NO_NONCE if there is none."""
         return self._nonce if now_ns - self._drawn_ns <= self._serves_ns else NO_NONCE
 
     def to_say(self, now_ns: int) -> int:

@@ -66,7 +66,7 @@ class ObjectDictionary:
         return value if isinstance(value, Abort) else _encode(variable.type, value)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Give how many bytes may be written to an object, or why none.
+        """Give the number of bytes that may be written to an object, or the reason why it cannot be written.
 
         `length`: the announced length, if there is one.
         """
@@ -84,7 +84,7 @@ class ObjectDictionary:
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 
     def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
-        """Write a value for which `room` was called before; gives None, or why the value is refused."""
+        """Write a value for which `room` was called before; gives None, or the reason why the value is refused."""
         if (index, sub_index) in self._bytes_writers:
             return self._bytes_writers[index, sub_index](data)
         variable = _ENTRIES[index].variable(sub_index)

@@ -4,27 +4,31 @@ Exclusive outputs are the steps of DEMUX branches and the frames of modules that
 while all four conditions hold. The conditions are checked before every output with the time of that moment, so that a
 pause of the process counts:
 
-    (a) the last accepted ALIVE names this PE. Before the first ALIVE nothing is authorized: ALIVE follows every LEASE,
-    so a PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old
-    term remains valid until the first ALIVE of the new term, a period later at most; (b) a state frame, LEASE or ALIVE
-    of another node has arrived within T_lease. Only these frames count, because they carry the evidence for (a) and
-    (c): a PE that comes back from a pause must not rely on a frame that cannot show that the PE was replaced. Only
-    frames on the uplink count: the manager considers a gateway that is cut off from it as down, even if the gateway
-    hears nodes behind itself; (c) this PE is not overtaken: no state frame, and no LEASE at a step after PREPARED, has
-    named an epoch newer than that of this PE, or another digest under the same epoch number. A PE is overtaken until it
-    takes the last step of a configuration, or LEASE names that step. Before that, a PE that took over in the meantime
-    may not have released its outputs, even if this PE is to drive them again; (d) no frame of another node with this
-    PE's node-ID has arrived within T_lease: the manager may mistake that node for a restart of this PE, and give the
-    outputs of this PE to another PE. With a key the manager cannot make that mistake, and this condition is not
-    checked.
+(a) The last accepted ALIVE names this PE. Before the first ALIVE nothing is authorized: ALIVE follows every LEASE, so a
+    PE that has received a configuration has heard an ALIVE. After a new term begins, the last ALIVE of the old term
+    remains valid until the first ALIVE of the new term, a period later at most.
+
+(b) A state frame, LEASE or ALIVE of another node has arrived within T_lease. Only these frames count, because they
+    carry the evidence for (a) and (c): a PE that comes back from a pause must not rely on a frame that cannot show that
+    the PE was replaced. Only frames on the uplink count: the manager considers a gateway that is cut off from the
+    uplink as down, even if the gateway hears nodes behind itself.
+
+(c) This PE is not overtaken: no state frame, and no LEASE at a step after PREPARED, has named an epoch newer than that
+    of this PE, or another digest under the same epoch number. A PE is overtaken until it takes the last step of a
+    configuration, or LEASE names that step. Before that, a PE that took over in the meantime may not have released its
+    outputs, even if this PE is to drive them again.
+
+(d) No frame of another node with this PE's node-ID has arrived within T_lease: the manager may mistake that node for a
+    restart of this PE, and give the outputs of this PE to another PE. With a key the manager cannot make that mistake,
+    and this condition is not checked.
 
 After a silence, one frame of another node is not enough evidence. If that node has just restarted, or was cut off as
-well, its frame does not show that this PE was replaced; nor does an ALIVE of a manager that has just become active and
-counts every PE that it hears as available. So after a silence longer than T_lease this PE is in *doubt*, and holds its
-outputs back. The doubt ends when an ALIVE names this PE and comes from a manager that has brought a configuration to
-its last step: before that step, the PE that replaced this one may not have released the outputs. Without such a manager
-the doubt ends when this PE has heard other nodes for T_lease: a PE that replaced it is among them, and reports its
-newer epoch every period.
+well, its frame does not show that this PE was replaced. Nor does an ALIVE of a manager that has just become active,
+since that manager counts every PE that it hears as available. So after a silence longer than T_lease this PE is in
+*doubt*, and holds its outputs back. The doubt ends when an ALIVE names this PE and comes from a manager that has
+brought a configuration to its last step: before that step, the PE that replaced this one may not have released the
+outputs. Without such a manager the doubt ends when this PE has heard other nodes for T_lease: a PE that replaced it is
+among them, and reports its newer epoch every period.
 
 For the frames of a module that may run elsewhere the limit in (b) is two periods, and a frame that could not start by
 then is dropped. The reason: a manager that does not hear this PE gives its identifiers to another PE after three
@@ -69,7 +73,10 @@ class OutputAuthorization:
         return now_ns <= self.until_ns(now_ns)
 
     def until_ns(self, now_ns: int) -> int:
-        """Time in ns until which exclusive outputs may be driven if no frame comes; a time before now: they may not."""
+        """Time in ns until which exclusive outputs may be driven if no frame comes.
+
+        Before now: they may not be driven.
+        """
         if not self._named or self._overtaken or self._heard_ns is None:
             return now_ns - 1
         if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
@@ -100,7 +107,7 @@ class OutputAuthorization:
     def hears_since_ns(self, arrived_ns: int) -> int:
         """Time in ns at which the last silence longer than T_lease ended.
 
-        `arrived_ns` where the present frame ends it.
+        If the present frame ends the silence, this is `arrived_ns`.
         """
         is_silent = self._heard_ns is None or arrived_ns - self._heard_ns > self._lease_ns
         return arrived_ns if is_silent else self._hears_since_ns
@@ -148,7 +155,7 @@ class OutputAuthorization:
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that the last step was taken, or that LEASE has named it again: this PE is not overtaken any more."""
+        """Note that the last step was taken, or that LEASE names that step: this PE is not overtaken any more."""
         self._overtaken = False
 
     def _overtake(self) -> None:
@@ -158,4 +165,4 @@ class OutputAuthorization:
 
 
 def _withdraw_nothing() -> None:
-    """Do nothing: while the agent is being built no frame waits."""
+    """Do nothing; stands for `revoked` while the agent is being built, when no frame waits."""

@@ -1,4 +1,4 @@
-"""How a gateway with a key forwards WELCOMEs for other nodes: it cannot verify them, and adds the TAG that follows.
+"""How a gateway with a key forwards WELCOMEs for other nodes, which it cannot verify, each with the TAG that follows.
 
 A TAG names only the kind of its command. So the first TAG for a WELCOME that fits no command of this node belongs to
 the first WELCOME that was forwarded. A WELCOME whose TAG does not come within T_lease is dropped from the list.

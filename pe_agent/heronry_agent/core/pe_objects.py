@@ -2,9 +2,9 @@
 
 Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
 each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
-client can also write a table. A PE that waits for a table (`table_waiting`) takes any that fits; a PE that has a table
-accepts only the same one again, and a configured PE none, since so many bytes must not load its bus. With a key the
-lock must be open for any download, and a table must be sealed.
+client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that fits. A PE that has a
+table accepts only the same table again. A configured PE accepts none, since so many bytes must not load its bus. With a
+key the lock must be open for any download, and a table must be sealed.
 """
 
 from collections.abc import Callable

@@ -1,26 +1,28 @@
 """Which mission phase this PE requests: a module requests a phase, or a value satisfies the `when` rule of a phase.
 
 A rule is checked on the PE that runs a module which gives the rule's variable, at every value that this module gives.
-So a rule needs no frame on any bus, even if no other module reads the variable; and it cannot fire while no module that
-gives the variable runs.
+So a rule needs no frame on any bus, even if no other module reads the variable. And a rule cannot fire while no module
+that gives the variable runs.
 
     armed     the value has not been beyond the threshold for `hold_ns` without a break
-    fired     the value has been beyond it for that time, and the phase was requested once. The rule is armed again when
-              the value has been back for `hold_ns`
+    fired     the value has been beyond the threshold for that time, and the phase was requested once. The rule is armed
+              again when the value has been back for `hold_ns`
 
 A break is a value on the other side of the threshold, or three periods without a value. A rule leads to its phase only
 from its *origins* (by default the phases before it in the spec); a module may request any phase. If several rules fire
-at one value, the last phase in the spec's order is requested, and of these a phase to which a rule leads from the
-present one comes first.
+at one value, one phase is requested. Phases to which a rule leads from the present phase come first, and among these
+the last one in the spec's order.
 
-The manager tells the phase (CONTROL, HOLDS). When an origin of a rule begins while the rule is fired and its values
-come, the rule fires again. Until a PE has heard the phase, or while it has missed the last change, a rule may request a
-phase to which it does not lead: the manager acknowledges that and stays. It decides the origins itself.
+The manager announces the phase (CONTROL, HOLDS). When an origin of a rule begins while the rule is fired and its values
+come, the rule fires again. A PE may not have heard the phase yet, or may have missed the last change. Then a rule may
+request a phase to which it does not lead: the manager checks the origins itself, acknowledges the request, and changes
+nothing.
 
 A module that requests the same phase in every step makes one request. A request stands until its module requests
 another phase or stops. When a new term begins, the PE sends its last standing request again, since the new manager may
-not know it: with the same number, so that a manager does not execute it twice, and only where a rule leads there. If
-some rule of the spec leads back, a rule withdraws its acknowledged request when it is armed again: that is over.
+not know it. It sends the request with the same number, so that a manager does not execute it twice, and only where a
+rule leads there. If some rule of the spec leads back, a rule that is armed again withdraws its acknowledged request,
+because the condition no longer holds.
 
 `faults` and the manager handle lost, late, doubled and forged requests. A pause of the process is a break of the value.
 A module that starts here, because another PE has failed or this PE has restarted, begins with every rule armed: a rule
@@ -51,7 +53,7 @@ class _Watch:
     seen_ns: int = 0
 
     def see(self, value: float, now_ns: int) -> bool:
-        """Take a value at a time in ns, and tell whether the rule fires."""
+        """Take a value at time `now_ns`, and tell whether the rule fires."""
         if now_ns - self.seen_ns > self.longest_break_ns:
             self.since_ns = None
         self.seen_ns = now_ns
@@ -116,7 +118,7 @@ class PhaseRequests:
         return self._fire(module, [watch for watch in fired if self._phase in watch.rule.origins] or fired, now_ns)
 
     def entered(self, phase: int, now_ns: int) -> list[Frame]:
-        """Note the phase that the manager tells; gives the frames to send now: of rules that fire again."""
+        """Note the phase that the manager announces; gives the frames to send now, of rules that fire again."""
         if phase == self._phase:
             return []
         self._phase = phase
@@ -135,7 +137,7 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Note a new term, and give the frames to send now: the last acknowledged request, forward only.
+        """Note a new term; gives the frames to send now: the last acknowledged request, with FORWARD_ONLY set.
 
         A request that is still pending is repeated by `Faults`, unchanged.
         """

@@ -1,8 +1,8 @@
 """The data frames of this PE: outputs of its modules, and echoes of the values that it commanded its actuators to.
 
 Every identifier has its own message code, incremented with each frame that is sent. This file only makes frames: the
-slice decides which ones are sent, and protocol rule 6 may forbid them. The output echo serves observers, and plants
-follow it: it shows on the bus, with a lower priority than all data, what an output does.
+slice decides which ones are sent, and protocol rule 6 may forbid them. The output echo shows on the bus, with a lower
+priority than all data, to what an actuator was commanded. Observers and simulated plants read it:
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
@@ -53,7 +53,7 @@ class Publisher:
         return self._own_echo(DataType.ULONG, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
-        """Make the echo of a value written to a device; None where the value is not a number that a frame can carry."""
+        """Make the echo of a value written to a device; None where the value is not a number that fits a frame."""
         position = self._index.device_index.get(device)
         if position is None or position >= MOST_DEVICES or not isinstance(value, (int, float)):
             return None

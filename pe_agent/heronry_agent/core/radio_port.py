@@ -44,9 +44,9 @@ class RadioPort:
         return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
 
     def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
-        """Queue a frame that arrived or was made at `since_ns`; `until_ns`: when to drop it.
+        """Queue a frame that arrived or was made at `since_ns`.
 
-        None: after the usual time.
+        until_ns: when to drop it; None: after the usual time.
         """
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
         self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
@@ -103,7 +103,7 @@ class RadioPort:
         return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
 
     def _report(self, now_ns: int) -> list[Send]:
-        """Set the rate of the queue to what is usable now, and make the report to the manager."""
+        """Set the rate of the queue to the bandwidth that is usable now, and make the report to the manager."""
         usable = 0 if self._meter.gone else self._meter.usable()
         pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))
         self._queue.pace(self._entry.bitrate * pace // PER_MILLE, now_ns)

@@ -5,9 +5,10 @@
               commands, emergencies) replace only an identical frame
     take      removes the most urgent frame for which its class has bandwidth. There are two classes, data and
               management, since data must leave management the share that the spec reserves
-    dropped   and counted: the least urgent frame of a full queue, and a frame that would leave too late. The queue
-              drops a late frame before its time is up, earlier by the time of the frame under way. Otherwise the driver
-              would drop it without a report, and the port would wait for its departure for a whole period
+
+The queue drops, and counts, the least urgent frame when it is full, and a frame that would leave too late. It drops a
+late frame before the frame's time is up, earlier by the duration of the frame under way. Otherwise the driver would
+drop the frame without a report, and the port would wait for its departure for a whole period.
 
 Each class has a bucket of bits, which fills at the rate of its share and holds at most a burst. Each frame counts with
 its worst-case length, as in plans, so a plan that fits its bus fits this queue too.

@@ -25,7 +25,7 @@ class Radios:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which `passed` next has a frame to send, if no event comes before."""
+        """Time in ns at which `passed` has the next frame to send, if no event comes before."""
         due_ns = NEVER_NS
         for radio in self.ports.values():
             due_ns = min(due_ns, radio.next_ns)
@@ -40,7 +40,7 @@ class Radios:
     def passed(self, out: list[Action]) -> list[Action]:
         """Queue the frames to radios among the actions; gives the other actions, and the frames whose turn has come.
 
-        A forwarded frame keeps its age, so that after a pause of this process no stale frame is sent by radio.
+        A forwarded frame keeps its age, so that no stale frame is sent by radio after a pause of this process.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

@@ -12,14 +12,15 @@ manager repeats them as ACTIVATE or, each period, as LEASE. After a restart noth
 
 A module whose mode changes is stopped at BREAK and started at GO, because its old mode may read variables that no PE
 sends any more. It is built anew, unless it can go on with its present state. With a single GO_ALL both happen together.
-A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever its new mode: either no other PE drives that
-DEMUX, or this PE is in doubt (`output_authorization`).
+A DEMUX branch that ran on this PE until BREAK is not held at GO, whatever its new mode. Either no other PE drives that
+DEMUX, or this PE is in doubt (`output_authorization`) and drives nothing.
 
-A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. But if the
-operator has cleared the fault, and another manager becomes active before such an epoch, that manager may know neither
-of the fault nor of the CLEAR; then the module starts again in the present epoch (`forgive`). A module *rests* while it
-is stopped because no manager is heard. It starts again when a LEASE names this configuration again (`without_manager`),
-or when a new configuration contains it.
+A module that failed stays stopped until a later epoch contains it: the manager has the report, and decides. There is
+one exception (`forgive`). If the operator has cleared the fault, and another manager becomes active before such an
+epoch, that manager may know neither of the fault nor of the CLEAR; then the module starts again in the present epoch.
+
+A module *rests* while it is stopped because no manager is heard. It starts again when a LEASE names this configuration
+again (`without_manager`), or when a new configuration contains it.
 """
 
 from collections.abc import Iterable
@@ -36,10 +37,8 @@ from heronry_wire.state_frames import PeState
 class Moves:
     """The changes that a step demands: modules to stop, then modules to start, with their modes.
 
-    `rewire` if the epoch is new.
-
-    keep: modules among `stop` that will start again in another mode. drop: modules that were kept and are not needed
-    now.
+    `rewire`: true if the epoch is new. `keep`: modules among `stop` that will start again in another mode. `drop`:
+    modules that were kept and are not needed now.
     """
 
     stop: tuple[int, ...] = ()

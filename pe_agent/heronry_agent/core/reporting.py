@@ -1,9 +1,9 @@
 """How a PE reports its state to the manager and to other PEs: pages 0 and 1 of the state frames (protocol rule 1).
 
-A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own place in the period, so
-that 34 PEs do not all start at once. Page 1 follows every tenth page 0. A change is reported immediately on every port:
-page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop sends these
-frames, so an agent that hangs falls silent.
+A PE sends page 0 on every port once in the heartbeat period of that bus. Each node has its own time slot in the period,
+so that 34 PEs do not all start at once. Page 1 follows every tenth page 0. A change is reported immediately on every
+port: page 0 when a step is taken, page 1 when a configuration was staged or refused. Only the agent's own loop sends
+these frames, so an agent that hangs falls silent.
 
 Each port numbers its own page 0 frames, so that a gap in the sequence shows a loss on that bus.
 
@@ -44,7 +44,7 @@ class Reporting:
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
         """seal: gives the tags of pages (protocol rule 11); None without a key.
 
-        The first frames are due at this node's place.
+        The first frames are due at this node's time slot.
         """
         self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
@@ -81,7 +81,7 @@ class Reporting:
         return sends
 
     def _next_beat(self, port: int, now_ns: int) -> int:
-        """First time in ns after now at this node's place in the period."""
+        """First time in ns after now at this node's time slot in the period."""
         period_ns, offset_ns = self._periods_ns[port], self._offsets_ns[port]
         return (now_ns - offset_ns) // period_ns * period_ns + period_ns + offset_ns
 

@@ -7,9 +7,9 @@
                record is dropped: the manager has the report, and decides. If the module is started again, it has a new
                budget
 
-If a partition ends, the module that was computing counts as failed, unless it has been stopped since; if no module was
-computing, all modules in the partition count as failed. The other modules are restarted immediately, without a failure.
-The caller gives the times; a restart of the agent drops all records.
+If a partition ends, the module that was computing counts as failed, unless it has been stopped since. If no module was
+computing, all modules in the partition count as failed. The modules that do not count as failed are restarted
+immediately. The caller gives the times; a restart of the agent drops all records.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,10 @@ class Restarts:
         return frozenset(self._begin_ns)
 
     def failed(self, module: int, budget: int, now_ns: int) -> int | None:
-        """Record a failure of a module; gives its number of failures by now, or None where the module is given up."""
+        """Record a failure of a module.
+
+        Gives the number of its failures so far, or None where the module is given up.
+        """
         record = self._records.get(module)
         known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
         if known >= budget:

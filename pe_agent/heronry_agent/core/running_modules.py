@@ -4,11 +4,12 @@ A module exists from its StartModule to its StopModule. In between the schedule 
 step go to the mailboxes of this PE and, where the slice says so, to the buses. A command to the module's device is
 executed, if it is authorized, and echoed. A report of a failed element becomes a fault.
 
-A module *fails* when it raises an exception, gives or writes a value that cannot be carried, hangs, or its partition
-ends. The failure is reported, and the module is restarted as often as the table allows (`restarts`), then stopped: the
-manager has the report and decides. A module that cannot be built, or that takes too long in many steps in a row, is
-stopped immediately. A partition in which a module hangs is ended by force; its other modules are restarted immediately,
-and other partitions are not affected.
+A module *fails* when it raises an exception, gives or writes a value that cannot be carried, gives an output that none
+of its modes has, hangs, or its partition ends. The failure is reported, and the module is restarted as often as the
+table allows (`restarts`), then stopped: the manager has the report and decides. A module that cannot be built, or that
+takes too long in many steps in a row, is stopped immediately. A module whose code is not on this PE is reported once
+when the PE boots up, or when that turns out, and again to every new active manager. A partition in which a module hangs
+is ended by force; its other modules are restarted immediately, and other partitions are not affected.
 
 The output authorization (protocol rule 6) is checked at the last moment, in three places. A DEMUX branch without it is
 not stepped, since the branch may command its device itself. A command in the answer to a step is not executed without
@@ -21,6 +22,7 @@ follow its command, and its servo is not to blame. The module that made the repo
 it has observed.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from heronry_agent.core.failure_texts import FailureTexts
@@ -35,6 +37,7 @@ from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_outputs
 from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
@@ -56,11 +59,19 @@ from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import SPECS_PRIORITY, ElementKind, Emergency, FaultCode
+from heronry_wire.management import (
+    EVERYWHERE,
+    SPECS_PRIORITY,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    kind_and_place,
+)
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import Send, require
 
+_MOST_NAMES = 4
 EVALUATED_AFTER_NS = 1_000_000_000
 
 
@@ -95,6 +106,7 @@ class RunningModules:
         self._noticed_ns: dict[tuple[int, FaultCode], int] = {}  # by module: when it told what is no fault
         self.has_exclusive_output = False
         self.load_percent = 0
+        self._lacking: set[int] = set()  # modules whose code is not on this PE
 
     def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
         """Stop, rewire and start modules as a step of a configuration demands; `wanted`: the new slice, or None."""
@@ -163,10 +175,13 @@ class RunningModules:
         for function, priority in event.priorities:
             self._request_priority(running, function, priority)
         try:
+            expect_outputs(running.entry, running.gives, event.outputs)
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
         except WireError as error:
             self._failed(event.module, Failure(str(error)))
+        except UnknownOutputError as error:
+            self._failed(event.module, Failure(str(error)), FaultCode.UNKNOWN_OUTPUT)
         else:
             if self.schedule.overruns_now(event.module):
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
@@ -192,18 +207,18 @@ class RunningModules:
             case DriveFailed(module, reason):
                 self._failed(module, Failure(reason))
             case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
-                words = f"partition {partition} ended: {reason}"
+                words = f"partition {partition}{self._with_names(partition)} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
     def cannot_run(self, image: str, reason: str) -> str:
-        """Keep why the code of an image cannot be imported as the failure of its modules; gives the plain reason."""
+        """Record why the code of an image cannot be imported, as the failure of its modules; gives the plain reason."""
         for entry in self._index.modules.values():
             if entry.image == image:
                 reason = self.failures.found(entry.index, Failure(reason))
         return reason
 
     def not_ready(self, event: NotReady) -> None:
-        """Make a module due now whose step was given back, so that it gets the present inputs."""
+        """Make a module due now whose step was not computed (NotReady): its next step gets present inputs."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
@@ -248,23 +263,41 @@ class RunningModules:
         """Send the pending EMCYs that are due again."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
-    def cleared(self, kind: int, index: int) -> None:
-        """Clear the faults of an element, as the operator commanded."""
+    def lack(self, images: Collection[str]) -> None:
+        """Report the modules whose code is one of these images: they cannot run on this PE."""
+        for module, entry in sorted(self._index.modules.items()):
+            if entry.image in images and module not in self._lacking:
+                self._lacking.add(module)
+                self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
+
+    def cleared(self, a: int, index: int) -> None:
+        """Clear the faults of an element, as the operator commanded; a module may be cleared on another PE alone.
+
+        a, index: the fields of CLEAR; a CLEAR of a changed priority has no effect here. A module whose code is not on
+        this PE is reported again at once.
+        """
+        kind, place = kind_and_place(a)
+        if kind == ElementKind.PRIORITY or place not in (EVERYWHERE, self._index.node):
+            return
         self._tell(self.faults.clear(kind, index))
+        if kind == ElementKind.MODULE and index in self._lacking:
+            self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, index, 0)
 
     def entered(self, phase: int) -> None:
-        """Note the mission phase that the manager tells: rules of other phases may fire again."""
+        """Note the mission phase that the manager announces: rules of other phases may fire again."""
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send the requests and the faults again at the begin of a term: its manager may not know them.
+        """Send the requests and the faults again at the beginning of a term, because its manager may not know them.
 
-        A failed module whose fault was cleared, and that has not been started since, starts again.
+        A failed module starts again if its fault was cleared and the module has not been started since.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
         self._tell(self._priority_requests.new_mastership(now_ns))
         cleared = []
+        for module in sorted(self._lacking):
+            self._tell(self.faults.tell_again(ElementKind.MODULE, module, now_ns))
         for module in sorted(self._reconfiguration.failed):
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
             self._tell(told)
@@ -316,14 +349,25 @@ class RunningModules:
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Handle the end of a partition: the culprit, or without one every module, has failed; the others restart."""
-        lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
-        for module in lived:
+        """Handle the end of a partition.
+
+        The module `culprit` has failed, or without a culprit every module of the partition; the others restart.
+        """
+        for module in self._lived(partition):
             if culprit in (None, module):
                 self._failed(module, Failure(reason), code)
             else:
                 self._halt(module)
                 self.restarts.begin_at(module, self._turn.now_ns)
+
+    def _lived(self, partition: str) -> list[int]:
+        return [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
+
+    def _with_names(self, partition: str) -> str:
+        """Name the modules that run in a partition: a reader of the reason does not know what ended with it."""
+        names = [self._index.modules[module].name for module in self._lived(partition)]
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        return f", with {', '.join(names[:_MOST_NAMES])}{more}," if names else ""
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
         """Give for each module the modules on this PE whose outputs it reads."""
@@ -345,7 +389,7 @@ class RunningModules:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
-        """Compute again what depends on the set of running modules."""
+        """Compute anew what depends on the set of running modules."""
         self.has_exclusive_output = any(
             r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
             for r in self._running.values()
@@ -354,7 +398,11 @@ class RunningModules:
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
 
     def _give(self, running: _Running, variable: str, value: Value) -> None:
-        """Handle a value of a variable that a module has given: publish it, and check it against phase rules."""
+        """Handle a value of a variable that a module has given: publish it, and check it against phase rules.
+
+        Raises WireError for a value that cannot be carried. An output that the mode does not have is left out: code may
+        compute more than a spec takes from it.
+        """
         if variable not in running.gives:
             self._turn.count("output that the mode does not give", running.entry.index)
             return
@@ -384,7 +432,10 @@ class RunningModules:
         self._turn.out.append(Send(self._index.uplink, frame))
 
     def _notice(self, running: _Running, code: FaultCode, detail: int) -> bool:
-        """Tell what is no fault, once a second at most; nobody acknowledges that. Tells whether it went out."""
+        """Report something that is no fault, once a second at most and without acknowledgement.
+
+        Tells whether it was sent.
+        """
         now_ns, index = self._turn.now_ns, running.entry.index
         if now_ns - self._noticed_ns.get((index, code), -FAULT_QUIET_NS) < FAULT_QUIET_NS:
             return False

@@ -6,14 +6,14 @@ was busy or paused, the module is stepped once, and the other releases are skipp
 
 Modules that are due at the same instant begin in the order of the spec. A partition receives all of its steps together
 and computes them one by one; partitions compute side by side. A partition receives no further steps before it has
-answered all. A chain of modules on one PE is to pass a value on within one instant: so a module waits until the modules
-whose outputs it reads on this PE, and that were due just before it, have answered, but at most a quarter of its own
-period. If a module hangs or is late, its readers go on without its value, and only the other modules of its partition
-have to wait.
+answered all. A chain of modules on one PE is to pass a value on within one instant. So a module waits for the modules
+whose outputs it reads on this PE, and that were due just before it. It waits until they have answered, but at most a
+quarter of its own period. If a module hangs or is late, its readers go on without its value, and only the other modules
+of its partition have to wait.
 
 The time that a step has *spent* is its duration without the time in which it waited for a processor: so no module is
-reported because the computer was overloaded or paused. The driver measures this time; this file decides when, and what
-the result means.
+reported because the computer was overloaded or paused. The driver measures this time. This file decides when it is
+measured, and what the result means:
 
     overruns    OVERRUNS_IN_A_ROW steps in a row have each spent more than a period: the module cannot keep up
     hangs       one step has spent at least HUNG_NS, and at least FRESH_PERIODS periods, after which its output is not
@@ -164,7 +164,7 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """Make a module due now whose step was given back undone; False as in `end`."""
+        """Make a module due now whose step came back without being computed; False as in `end`."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -198,7 +198,7 @@ class Schedule:
         return left_ns <= 0
 
     def _find_next(self) -> int:
-        """Compute `next_ns`. This runs for each step, so a module that cannot be the first is skipped early."""
+        """Compute `next_ns`. This runs for each step, so modules that cannot be the first are skipped early."""
         next_ns = NEVER_NS
         for grid in self._grids.values():
             if grid.due_ns < next_ns and grid.partition not in self._steps:

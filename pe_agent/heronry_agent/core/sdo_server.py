@@ -7,15 +7,15 @@ A client reads (uploads) or writes (downloads) one value of the object dictionar
     block       up to 127 segments in a row, then one answer that says how many have come in order; the other segments
                 are sent again. The end carries a checksum over all data
 
-States
+The server is in one of these states:
 
-    none         no transfer
-    Segmented download, upload
-                 the server awaits the next segment; a wrong toggle bit ends the transfer
-    BlockDownload
-                 the server receives segments; `is_complete` once the last one has come, and the server awaits the end
-    BlockUpload OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING: the
-    end was sent, and the server awaits the client's answer
+    none            no transfer
+    _Download,
+    _Upload         segmented: the server awaits the next segment; a wrong toggle bit ends the transfer
+    _BlockDownload  the server receives segments; `is_complete` once the last one has come, and the server awaits the
+                    end
+    _BlockUpload    OPENED until the client sends start; SENDING segments; WAITING for the answer to a block; CLOSING:
+                    the end was sent, and the server awaits the client's answer
 
 There is one transfer at a time. The requests of two clients have the same identifier, so the server cannot distinguish
 them: a new initiate replaces the transfer under way, and the next request of the other client does not fit and is

@@ -22,9 +22,9 @@ class SliceReader:
         self.missing_images = missing_images
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
-        """Give the slice of a contingency with its digest.
+        """Give the slice of contingency `number` with its digest.
 
-        None if configuration `digest` is not on board as `number`.
+        None if the contingency is not on board, or is not the configuration with this digest.
         """
         body = self._index.on_board(number, digest)
         return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))

@@ -9,11 +9,12 @@
 A newer epoch, or one from a higher term, replaces what was collected or staged. A repeated command for a staged epoch
 is answered again and changes nothing. A head that announces the slice which already runs here stages it at once. For
 any other slice the body must follow: if frames are missing and none has come for half a heartbeat period, the PE
-answers INCOMPLETE. That also happens if the manager sends no body because it believes that the slice already runs here.
+answers INCOMPLETE. That also happens if the manager wrongly believes that the slice already runs here, and sends no
+body.
 
 An answer is a page 1 of the state; the methods that take commands tell whether an answer is due now. Page 1 names the
-epoch of the last PREPARE, so the manager knows which command is answered; with it page 1 gives the digest once the
-epoch is staged, and a reason until then. A late PREPARE, of an older epoch than the one collected, is answered with
+epoch of the last PREPARE, so the manager knows which command is answered. Page 1 also gives the digest once the epoch
+is staged, and a reason until then. A late PREPARE, of an older epoch than the one collected, is answered with
 STALE_EPOCH. After a pause the frames that waited are taken in their order; repetitions by the manager change nothing.
 After a restart the PE is unconfigured, and the manager begins anew.
 """

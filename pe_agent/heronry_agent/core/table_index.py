@@ -1,6 +1,7 @@
 """Quick look-ups in a PE's table, which is checked once for contradictions that would stop the agent later.
 
-The constructor raises TableError for such a table; afterwards every look-up of a name or index of the table succeeds.
+The constructor raises TableError for a table with a contradiction. Afterwards every look-up of a name or index of the
+table succeeds.
 """
 
 from collections.abc import Iterable
@@ -72,7 +73,10 @@ class TableIndex:
 
 
 def _stand_back_ns(port: Port) -> int:
-    """Time in ns for which data are held back: that of PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE."""
+    """Time in ns for which data are held back.
+
+    PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take that time on the bus.
+    """
     frames = 4 + 3 * (1 + len(port.nodes))
     return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
 

@@ -1,8 +1,8 @@
 """The present call of the core: its time, and the actions and state pages requested so far.
 
-All parts of the agent share the turn, so that no time and no list has to be passed through every call. A part that has
-changed what the state frames report requests a page; the core sends each page once, when the call ends. Only the time
-and the counts are kept from one call to the next.
+All parts of the agent share the turn, so that no time and no list has to be passed through every call. A part requests
+a page when it has changed something that the state frames report; the core sends each page once, when the call ends.
+Only the time and the counts are kept from one call to the next.
 """
 
 from collections import Counter

@@ -38,7 +38,7 @@ class Stepped(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """How the code of a module has failed: `reason` is one line, `traceback` is empty if no exception was raised."""
+    """How the code of a module has failed: `reason` is one line; `traceback` is empty if no exception was raised."""
 
     reason: str
     traceback: str = ""
@@ -65,7 +65,7 @@ class StartFailed:
 
 @dataclass(frozen=True, slots=True)
 class NotReady:
-    """A step was not computed, since the partition was still loading; now the module can be stepped."""
+    """A step was not computed, since the partition was still loading; now the partition has loaded."""
 
     module: int
     release: int
@@ -182,7 +182,10 @@ class Note:
 
 
 class Left(NamedTuple):
-    """A frame has left the controller of a port, `took_ns` after it was handed over; 0: the driver cannot tell."""
+    """A frame has left the controller of a port, `took_ns` after it was handed over.
+
+    0: the driver does not know the time.
+    """
 
     port: int
     took_ns: int

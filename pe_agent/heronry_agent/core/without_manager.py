@@ -5,9 +5,9 @@
                stopped; the others go on, wired, published and forwarded as before
 
 With the policy `keep` no module rests. An expendable module serves nothing critical, and no module that goes on reads
-from it. So a resting PE does not affect other PEs: no PE starts a module in its place, and none has to agree. The state
-frames still report the same state, epoch and digest, since a part of the same configuration rests; only the load in
-page 1 falls.
+from it. So a resting PE does not affect other PEs: no PE starts a module in its place, and no PE has to agree. The
+state frames still report the same state, epoch and digest, since the PE still has the same configuration, of which only
+a part runs; only the load in page 1 falls.
 
 A LEASE that names the configuration which runs here ends the rest: it shows that no other configuration has been
 activated. A new configuration starts its modules in any case. A LEASE that names another configuration, or none, starts

@@ -3,8 +3,9 @@
 FailOver   gives the first of `sources` that is present. A source that comes back is used again only after it was
            present for `patience_ns`, so that an intermittent source does not make the output jump
 NVersion   compares programs that were written independently, and give one variable in one version each. It gives the
-           best version that is not outvoted: with three or more versions, one that is not within `tolerance` of their
-           median is outvoted, and the element that gave it is reported. With two versions it gives the better one
+           best version that is not outvoted. With three or more versions, a version is outvoted if it is not within
+           `tolerance` of their median, and the element that gave it is reported. With two versions, none is outvoted,
+           and the better one is given
 """
 
 import statistics

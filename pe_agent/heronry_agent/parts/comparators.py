@@ -1,16 +1,17 @@
 """Comparators: modules that compare two versions of one datum, which programs with different images give.
 
-With two versions that differ, either may be right: none is blamed (a voter blames from three on). A difference beyond
-`limit` that has lasted for `patience_ns` is a *disagreement*: it is reported as such, again and again while it lasts,
-and the subclass decides what goes on. The disagreement ends when the versions have agreed for as long.
+With two versions that differ, either may be right, so no element is reported as failed (a voter does that, from three
+versions on). A difference beyond `limit` that has lasted for `patience_ns` is a *disagreement*. The comparator reports
+it as such, again and again while it lasts, and the subclass chooses the output. The disagreement ends when the versions
+have agreed for as long.
 
-    ComparatorBetter    the better version goes on, and the disagreement is only told
-    ComparatorSafer     the value nearer to `safe` goes on
-    ComparatorNone      no value goes on, and the spec decides what its readers do without one
+    ComparatorBetter    gives the better version, and only reports the disagreement
+    ComparatorSafer     gives the value nearer to `safe`
+    ComparatorNone      gives no value, and the spec decides what its readers do without one
 
-While the versions agree, or only one of them is present, the better one goes on: with one there is nothing to compare.
-Two versions of the same image would share its mistakes, so give the two modules different images, and keep them apart
-(`separate`). The manager tells a disagreement and changes no plan.
+While the versions agree, or only one of them is present, the better one is given: with one there is nothing to compare.
+Two versions of the same image would share its mistakes. So give the two modules different images, and put them on
+different PEs (`separate`). The manager reports a disagreement to the operator and changes no plan.
 """
 
 from collections.abc import Mapping
@@ -59,7 +60,7 @@ class Comparator(Module):
 
 
 class ComparatorBetter(Comparator):
-    """Gives the better version also while the two disagree; a subclass sets the attributes."""
+    """Gives the better version, also while the two disagree; a subclass sets the attributes."""
 
     def goes_on(self, better: float, worse: float) -> float:  # noqa: ARG002 - the other one is not wanted
         """Choose the better version."""

@@ -4,7 +4,7 @@ _FEWEST = 3
 
 
 def steps_of(patience_ns: int, period_ns: int) -> int:
-    """Number of steps in `patience_ns`, but at least three."""
+    """Number of steps in `patience_ns`; never less than three."""
     return max(_FEWEST, -(-patience_ns // period_ns))
 
 
@@ -17,9 +17,7 @@ class Lasting:
         self._held = 0
 
     def is_due(self, holds: bool) -> bool:
-        """Count one step.
-
-        True when the condition has held for `patience_ns`, and again after each further `patience_ns`.
+        """Count one step; True when the condition has held for `patience_ns`, and after each further `patience_ns`.
 
         The repetition matters because the operator may have cleared the first report.
         """

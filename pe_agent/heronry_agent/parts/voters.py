@@ -1,7 +1,7 @@
 """Voters: modules that give one value out of several that should be equal, and report a channel that differs.
 
-    median    gives the median of the channels that are present, so that a single wrong channel does not decide; of two
-              that differ, the one nearer to the last output
+    median    gives the median of the channels that are present, so that a single wrong channel does not decide. Of two
+              channels that differ it gives the one nearer to the last output
     majority  gives the mean of the largest group of channels that agree, if that is more than half of all channels;
               else no value, and the spec decides what its readers do without one
 

@@ -18,6 +18,7 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.devices import Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
+from heronry_agent.shell.image_catalogues import is_here
 from heronry_agent.shell.incarnation import BootCount
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
@@ -132,6 +133,7 @@ def _run(arguments: argparse.Namespace) -> int:
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     devices = Devices(table, open_drivers(table, origin_ns))
     followed = devices.followed()
+    missing = frozenset(module.image for module in table.modules if not is_here(module.image))
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):
@@ -144,7 +146,8 @@ def _run(arguments: argparse.Namespace) -> int:
         undo.callback(boots.close)
 
         def new_core() -> AgentCore:
-            return AgentCore(table, boots.next(), time.monotonic_ns(), secret=_secret(key), followed=followed)
+            now_ns, secret = time.monotonic_ns(), _secret(key)
+            return AgentCore(table, boots.next(), now_ns, missing_images=missing, secret=secret, followed=followed)
 
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)
@@ -165,7 +168,7 @@ def _secret(key: Key | None) -> Secret | None:
 
 
 def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
-    """Run as a node without a table until a table comes, and give the table; None if the program was stopped before."""
+    """Run as a node without a table until a table comes, and give it; None if the program was stopped before that."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
@@ -199,7 +202,7 @@ def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> 
     for (what, where), times in sorted(core.counts.items()):
         _print_note(Note("count", f"{what} ({where}): {times}"))
     for module, times in sorted(core.modules.schedule.overruns.items()):
-        _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+        _print_note(Note("count", f"steps of {table.module_names[module]} skipped: {times}"))
     for bus in links:
         if isinstance(bus, ReplicatedLink):
             _print_note(

@@ -4,8 +4,9 @@ A turn of the loop:
 
 1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
 2. Hand over every frame that has come, with its age, before any deadline: after a pause of this process old frames must
-not count as new (protocol rule 6). 3. Hand over the results of the partitions, and then the deadline if it is due.
-Modules whose steps become due compute in their partitions while the loop goes on.
+   not count as new (protocol rule 6).
+3. Hand over the results of the partitions, and then the deadline if it is due. Modules whose steps become due compute
+   in their partitions while the loop goes on.
 
 The kernel (or the hub) filters out frames that the PE does not take now: on a full bus that is most of the traffic.
 
@@ -190,7 +191,7 @@ class AgentDriver:
                 return
 
     def _take_departures(self) -> None:
-        """Tell the core which frames have left for a radio, and after what time in the controller."""
+        """Report to the core which frames have left for a radio, and how long they were in the controller."""
         for port in self.core.radio_ports:
             while departures := self._links[port].departures_ns():
                 for took_ns in departures:

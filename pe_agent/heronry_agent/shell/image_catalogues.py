@@ -6,15 +6,18 @@ names to `package.module:Class`. An image is imported when it is first needed, s
 A catalogue that cannot be loaded does not affect the others, and is mentioned in the message about an unknown name.
 """
 
-import difflib
 import importlib
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
+from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points
 from typing import NamedTuple
 
 from heronry_agent.module import Module
 from heronry_wire.errors import HeronryError
+from heronry_wire.spelling import meant
 
 _GROUP = "heronry.images"
 
@@ -46,6 +49,32 @@ def find_image(name: str) -> type[Module]:
     return found
 
 
+def is_here(name: str) -> bool:
+    """Tell whether the file of an image's code is installed; nothing is imported, so the code may still be broken."""
+    target = name if ":" in name else _catalogues().images.get(name, "")
+    module, _, _ = target.partition(":")
+    path: Sequence[str] | None = None
+    parts = module.split(".")
+    for number in range(1, len(parts) + 1):
+        found = _spec_of(".".join(parts[:number]), path)
+        if found is None:
+            return False
+        path = found.submodule_search_locations
+        if path is None and number < len(parts):
+            return False
+    return True
+
+
+def _spec_of(module: str, path: Sequence[str] | None) -> ModuleSpec | None:
+    """Find a module as an import would; what no finder understands does not exist."""
+    for finder in sys.meta_path:
+        with suppress(Exception):  # a finder is foreign code
+            spec = finder.find_spec(module, path)
+            if spec is not None:
+                return spec
+    return None
+
+
 class _Catalogues(NamedTuple):
     """All catalogues of this installation as one mapping, and a sentence for each that cannot be loaded."""
 
@@ -68,6 +97,5 @@ def _catalogues() -> _Catalogues:
 
 def _not_in_catalogue(name: str) -> str:
     known = _catalogues()
-    close = difflib.get_close_matches(name, known.images, n=1)
-    hint = f"did you mean '{close[0]}'?" if close else "write package.module:Class for code of your own"
+    hint = meant(name, known.images, "write package.module:Class for code of your own")
     return f"there is no image '{name}'; {hint}{''.join(known.broken)}"

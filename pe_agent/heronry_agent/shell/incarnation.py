@@ -1,17 +1,18 @@
 """The boot count of a PE, 0..255, which shows other nodes a restart, even within one heartbeat period.
 
-A folder keeps a *reserve*: the last count that may have been used. It is written ahead, `RESERVE` counts at a time, so
-a start and each new beginning after an outage of the bus take a count of the reserve, and need the disk only when the
-reserve is used up. No flight waits for the disk: a thread writes, and tries again every `RETRY_S`. What proves that a
-count is new:
+A folder keeps a *reserve*: the last count that may have been used. The reserve is written ahead, `RESERVE` counts at a
+time. So the agent takes a count of the reserve at its start, and when it begins anew after an outage of the bus, and
+needs the disk only when the reserve is used up. No flight waits for the disk: a thread writes, and tries again every
+`RETRY_S`. How the agent knows that a count is new:
 
     in one process       the count before is in memory: each count is the one before plus one
-    from start to start  the reserve on the disk: a process begins one above it, and writes its own before it sends
-    no disk              nothing. The count is drawn at random, other than the count that the disk has, and one restart
-                         in 256 is not recognized. So it is without a folder, with a full or read-only disk at the
-                         start, and with a disk that takes longer than `LONGEST_START_S` then
+    from start to start  by the reserve on the disk: a process begins one above it, and writes its own before it sends
+    no disk              it does not know. The count is drawn at random, but differs from the count that the disk has,
+                         and one restart in 256 is not recognized. This is so without a folder, with a full or read-only
+                         disk at the start, and with a disk that takes longer than `LONGEST_START_S` at the start
 
-A disk that fails grounds nobody: the agent says so, flies on, and says so too when the reserve is written again.
+A disk that fails does not stop the agent: it reports the problem, flies on, and reports when the reserve is written
+again.
 """
 
 import threading
@@ -32,7 +33,7 @@ class BootCount:
     """The boot counts of one node."""
 
     def __init__(self, folder: Path | None, node: int, tell: Callable[[str], None]) -> None:
-        """`tell` is called with a sentence when the disk fails, and when it keeps the count again; by a thread, too."""
+        """tell: called with a sentence when the disk fails, and when it works again; perhaps by another thread."""
         self._file = None if folder is None else folder / f"pe-{node}.incarnation"
         self._tell = tell
         self._count: int | None = None  # the last one given
@@ -42,7 +43,7 @@ class BootCount:
         self._tried, self._ended = threading.Event(), threading.Event()
 
     def next(self) -> int:
-        """Give the count of this beginning."""
+        """Give the boot count for a start, or for beginning anew after an outage."""
         if self._count is None:
             self._count = self._first()
         else:
@@ -52,7 +53,7 @@ class BootCount:
         return self._count
 
     def close(self) -> None:
-        """Try no longer to write."""
+        """Stop trying to write the reserve."""
         self._ended.set()
 
     def _first(self) -> int:
@@ -70,7 +71,7 @@ class BootCount:
         return (count + randbelow(_COUNTS - 1)) % _COUNTS  # not the one that the disk has
 
     def _left(self) -> int:
-        """Counts of the reserve that are not used; 0 where none is on the disk."""
+        """Number of counts of the reserve that are not used yet; 0 where no reserve is on the disk."""
         assert self._count is not None
         left = 0 if self._reserved is None else (self._reserved - self._count) % _COUNTS
         return left if left <= RESERVE else 0
@@ -91,7 +92,7 @@ class BootCount:
             self._writer.start()
 
     def _keep_writing(self) -> None:
-        """Write the reserve until it is ahead of the counts that were given meanwhile; where that fails, try again."""
+        """Write the reserve until it is ahead of the counts that were given meanwhile; if a write fails, try again."""
         while self._left() <= RESERVE // 2:
             is_put = self._put()
             self._tried.set()

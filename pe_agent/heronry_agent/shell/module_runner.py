@@ -10,8 +10,8 @@ other process, and turns an exception of a module into a `Failure`. A module is
 
 A second `start` of a module that runs builds it anew.
 
-A failure names the exception, its message, and file and line. The line is in the module's own file, if a frame of the
-traceback is: when a library raises, the author of the module looks for the call first.
+A failure names the exception, its message, and file and line. If the traceback has a frame in the module's own file,
+the line is that of this frame: when a library raises an exception, the author first looks for the call of the library.
 """
 
 import sys
@@ -100,7 +100,7 @@ class _Context:
         self.priorities.append((str(function), wanted))
 
     def forget(self) -> None:
-        """Begin anew with no command, report or request."""
+        """Drop all commands, reports and requests of the last step."""
         self.writes, self.reports, self.phases, self.priorities = [], [], [], []
 
     def _require_device(self) -> None:
@@ -192,7 +192,7 @@ def one_line(error: BaseException) -> str:
 
 
 def failure_of(error: Exception, file: str | None = None) -> Failure:
-    """Describe an exception of foreign code; `file` is the file of the module's class, if that is known."""
+    """Describe an exception of a module or driver; `file` is the file of the module's class, if that is known."""
     try:
         line = str(error) if isinstance(error, UnknownImageError) else one_line(error)
         if len(line) > _LONGEST_MESSAGE:
@@ -204,22 +204,28 @@ def failure_of(error: Exception, file: str | None = None) -> Failure:
 
 
 def _place(error: BaseException, file: str | None) -> str | None:
-    """Give file and line of the innermost frame in the module's own file, or else of the innermost foreign frame."""
+    """Give file and line of the innermost frame in the module's own file, or else outside heronry."""
     if isinstance(error, UnknownImageError) and error.__cause__ is not None:
         error = error.__cause__
     frames = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
-    foreign = [one for one in frames if one[0] not in _HERE and not one[0].startswith("<frozen ")]
-    foreign = [one for one in foreign if not one[0].endswith("/importlib/__init__.py")]
+    foreign = [one for one in frames if is_foreign(one[0])]
     own = [one for one in foreign if one[0] == file] or foreign
     return f"{own[-1][0].rpartition('/')[2]}:{own[-1][1]}" if own else None
 
 
 def _traceback(error: Exception) -> str:
-    """Format an exception without the frame of this file, from which the module was called."""
-    told = traceback.TracebackException.from_exception(error)
-    if told.stack and told.stack[0].filename == __file__:
-        del told.stack[0]
-    return "".join(told.format())
+    """Format an exception without the frames from which the module was called or imported, which are not its own."""
+    told: traceback.TracebackException | None = traceback.TracebackException.from_exception(error)
+    whole = told
+    while told is not None:
+        told.stack[:] = [frame for frame in told.stack if is_foreign(frame.filename)]
+        told = told.__cause__ or told.__context__
+    return "" if whole is None else "".join(whole.format())
+
+
+def is_foreign(file: str) -> bool:
+    """Tell whether a frame of this file belongs to the code that was imported or called."""
+    return file not in _HERE and not file.startswith("<frozen ") and not file.endswith("/importlib/__init__.py")
 
 
 def _file_of(code: type) -> str | None:

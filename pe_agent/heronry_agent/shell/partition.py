@@ -6,8 +6,8 @@ The partition has no bus, no table and no key. It executes the orders that come 
 answers each step immediately (`partition_messages`), so that the agent knows which module was computing if the process
 ends. An exception of a module becomes an answer, and its traceback is printed.
 
-What modules print, and these tracebacks, goes line by line to the standard error of the agent: to the journal of its
-service on a node, to the agent's log in a demo.
+What modules print, and these tracebacks, goes line by line to the standard error of the agent, with time and name
+(`module_prints`): to the journal of its service on a node, to the agent's log in a demo.
 
 No partition outlives its agent: the kernel kills the process when the agent dies (PR_SET_PDEATHSIG), even in the middle
 of a step, and a closed socket ends it. If the agent hangs it sends no orders, so no module computes; a step that was
@@ -22,12 +22,13 @@ import resource
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from io import TextIOWrapper
 
 from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum
+from heronry_agent.shell.module_prints import ModulePrints
 from heronry_agent.shell.module_runner import ModuleRunner, Result
 from heronry_agent.shell.partition_messages import (
     SOCKET,
@@ -53,8 +54,10 @@ _DESCRIPTORS = 65_536
 class Partition:
     """Executes the agent's orders in this process."""
 
-    def __init__(self, runner: ModuleRunner) -> None:
-        self._runner = runner
+    def __init__(self, runner: ModuleRunner, computes: Callable[[str], None] = lambda _: None) -> None:
+        """computes: called with the name of the module that is built or stepped next."""
+        self._runner, self._computes = runner, computes
+        self._names: dict[int, str] = {}
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
     def accept(self, packet: bytes) -> Iterator[bytes]:
@@ -69,6 +72,8 @@ class Partition:
             case Step():
                 return self._step(order)
             case Start():
+                self._names[order.module] = order.orders.name
+                self._computes(order.orders.name)
                 self._leaves[order.module] = order.leaves
                 failure = self._runner.start(order.module, order.orders, time.monotonic_ns())
                 if failure is None:
@@ -79,11 +84,13 @@ class Partition:
                 self._runner.stop(order.module, keep=order.keep)
                 return None
             case Load():
+                self._computes("code")
                 failures = {image: self._runner.load(image) for image in order.images}
                 return encode_answer(Loaded({image: one.reason for image, one in failures.items() if one is not None}))
 
     def _step(self, order: Step) -> bytes:
         result: Result | Failure = Result({})
+        self._computes(self._names.get(order.module, ""))
         if time.monotonic_ns() <= order.until_ns:
             inputs: dict[str, tuple[str, Datum]] = {}
             leaves = self._leaves.get(order.module, ())
@@ -122,7 +129,9 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends this process
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # else what a module prints is lost when the process is killed
-    partition = Partition(ModuleRunner(time.monotonic_ns))
+    prints = ModulePrints(sys.stdout)  # which is the standard error of the agent, as this process's own is
+    sys.stdout = sys.stderr = prints
+    partition = Partition(ModuleRunner(time.monotonic_ns), prints.of)
     with suppress(ConnectionError):  # raised when the agent closes the socket with packets unread
         while packet := os.read(SOCKET, _PACKET_BYTES):
             for answer in partition.accept(packet):

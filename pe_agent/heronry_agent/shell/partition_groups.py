@@ -33,7 +33,7 @@ class PartitionGroup:
         self._folder = folder
 
     def limit(self, more: int) -> None:
-        """Limit the group to `more` bytes beyond what it holds now."""
+        """Limit the memory of the group to `more` bytes beyond what it holds now."""
         with suppress(OSError, ValueError):
             _write(self._folder, "memory.max", int(_read(self._folder, "memory.current")) + more)
             _write(self._folder, "memory.swap.max", 0)

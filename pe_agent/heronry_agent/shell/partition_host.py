@@ -4,17 +4,17 @@ The host takes the actions of the core and gives events in answer. The simulator
 and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
 
     absent    until one of its modules is started, or until the host starts its process in advance: one partition per
-              second once the PE runs modules, so that no exec delays a reconfiguration in flight
+              second once the PE runs modules, so that starting a process delays no reconfiguration in flight
     loading   its process imports the code of all its modules in the table. When it has loaded, the host starts the
-              modules that the core has started meanwhile, and gives their steps back as `NotReady`, so that the core
-              orders them again with present inputs
+              modules that the core has started meanwhile, and answers their steps with `NotReady`, so that the core
+              orders the steps again with present inputs
     running   its process executes orders, one after the other
     ending    its process is killed and not reaped yet; a new process for the same partition may start meanwhile
 
 The host ends a partition that sends an answer without an order, a packet that cannot be read, or one that is too long;
 so a flood ends after one packet. The host only reports that a partition has ended, and why; the core decides which
 module counts as failed. The core also decides when a step hangs, but it does not wait for the step of a module that has
-been stopped since. If such a step hangs, the orders behind it would wait for ever; so the host itself ends the
+been stopped since. If such a step hangs, the orders behind it would wait for ever. So the host itself ends the
 partition when the step has spent the time after which a module counts as hanging.
 """
 

@@ -8,13 +8,13 @@
                                   STEP_FAILED  release, reason, traceback
 
 A partition trusts its agent: orders are plain values in the format of Python's `marshal`, whose version is the same at
-both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for one that is
-no answer. If a module gives a value that is not plain, it cannot be sent, and the module has failed (`Uncarriable`).
+both ends. The agent does not trust a partition: `decode_answer` accepts any packet, and gives `Garbled` for a packet
+that is no answer. A value of a module that is not plain cannot be sent; then the module has failed (`Uncarriable`).
 
 START names the leaves (the single inputs) of a module's mode; later messages refer to a leaf by its number. In an
-answer numbers are little-endian, and the length of a text stands in two bytes before it. The outputs of a module
-usually have the same names and types in every step. STEPPED begins with these names and types, which each end decodes
-once and then recognizes by their bytes; the values follow.
+answer numbers are little-endian, and two bytes before a text give its length. The outputs of a module usually have the
+same names and types in every step. STEPPED begins with these names and types. Each end decodes them once and then
+recognizes them by their bytes. The values follow.
 """
 
 import marshal
@@ -135,7 +135,7 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Names and types in the answer to a step.
+    """Names and types of the values in the answer to a step.
 
     They rarely change, so both ends keep the layouts that they have seen.
     """
@@ -234,7 +234,7 @@ def _read(head: bytes) -> _Layout:
     reader = _Reader(head)
     shape = [tuple(reader.list(reader.text)) for _ in range(5)]
     if reader.at != len(head) or len(shape[0]) > len(shape[1]):
-        raise ValueError("its names do not match its types")
+        raise ValueError("the names in the answer do not match the types")
     return _layout(*shape)
 
 
@@ -282,7 +282,7 @@ def _done(packet: bytes) -> Done:
     head = packet[_STEPPED.size : begin]
     layout = _read(head) if length <= _LAYOUT_BYTES else _read.__wrapped__(head)
     if len(packet) != begin + layout.values.size:
-        raise ValueError("it does not have the length that its layout needs")
+        raise ValueError("the answer does not have the length that its layout needs")
     numbers = layout.values.unpack_from(packet, begin)
     values = numbers[: len(layout.types)] if layout.is_plain else tuple(_values(layout.types, iter(numbers)))
     count = len(layout.outputs)

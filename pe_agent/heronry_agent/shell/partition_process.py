@@ -1,23 +1,23 @@
 """A partition as its agent sees it: a process with one socket, a memory limit, and a measure of the time it spends.
 
-No method ever waits. A packet is sent immediately, or the partition is given up because it does not read; a process is
-reaped when the kernel reports its end. The process is started by exec, not by fork: so it inherits no bus, no key and
-no table, and is smaller. Its environment has only what Python needs. It has a lower priority than its agent, so that
+No method ever waits. A packet is sent immediately; if the partition does not read, it is given up. A process is reaped
+when the kernel reports its end. The process is started by exec, not by fork: so it inherits no bus, no key and no
+table, and is smaller. Its environment has only what Python needs. It has a lower priority than its agent, so that
 heartbeats go first.
 
-The orders of one turn of the agent form one packet. For GATHER_NS after it the answers do not wake the agent, so that
-the steps of several modules, and of several partitions, wake the agent once and not once each.
+The orders of one turn of the agent form one packet. For GATHER_NS after the packet the answers do not wake the agent.
+So the steps of several modules, and of several partitions, wake the agent once and not once each.
 
 The time that a step has *spent* does not include waiting for a processor. For a finished step the kernel has counted
 that wait (schedstat). For an unfinished step the present wait is not counted yet: if the process is ready to run, only
-its processor time is charged. If the kernel does not count waiting, only processor time is known. The waiting time
-before a step is read once in SAMPLE_NS, and again after a late step; the waits in the steps since the last reading are
-subtracted as well, which favours the module. The agent too may have to wait for a processor, so a step begins when its
+its processor time counts. If the kernel does not count waiting, only processor time is known. The waiting time before a
+step is read once in SAMPLE_NS, and again after a late step. The waits in the steps since the last reading are
+subtracted as well, which favours the module. The agent too may have to wait for a processor. So a step begins when its
 order was sent, and ends when its answer has arrived, whether the agent has read it or not.
 
-When the code has been loaded, the agent sets RLIMIT_DATA to the memory that the process holds, plus the RAM that the
-spec gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that exceeds the
-limit gets a MemoryError in its own step, or the process ends in C code. If the agent has control groups
+When the code has been loaded, the agent sets RLIMIT_DATA. The limit is the memory that the process holds, plus the RAM
+that the spec gives its modules, plus SLACK_BYTES for the interpreter, which spec authors do not count. A module that
+exceeds the limit gets a MemoryError in its own step, or the process ends in C code. If the agent has control groups
 (`partition_groups`), the same limit holds for the partition with its child processes and shared memory; the kernel
 kills a partition that exceeds it.
 """
@@ -87,7 +87,7 @@ class PartitionProcess:
 
     @property
     def owes(self) -> bool:
-        """Tell whether the partition has an order to answer."""
+        """Tell whether the partition has not answered an order yet."""
         return self.loading or bool(self._pending)
 
     @property
@@ -144,7 +144,7 @@ class PartitionProcess:
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def disown(self, module: int) -> None:
-        """Mark the steps of a module that has been stopped as unwanted."""
+        """Mark the steps of a module that has been stopped: their answers are not wanted."""
         for pending in self._pending:
             pending.is_wanted = pending.is_wanted and pending.module != module
 

@@ -11,8 +11,9 @@ with the key.
 
 `sdo_server` handles lost, late and doubled frames: a table arrives complete and checked, or not at all. A table that
 cannot be used is refused with 0609 0030h, and the reason is logged. Without a key, any sender of a table decides which
-of the code installed on this node will run. So a PE waits for a table only if it was started with that option, meant
-for a bus whose nodes are all trusted, and a PE that has its table accepts no other. After a restart the PE waits again.
+of the code installed on this node will run. So a PE waits for a table only if it was started with that option, which is
+meant for a bus whose nodes are all trusted; and a PE that has its table accepts no other. After a restart the PE waits
+again.
 """
 
 import os

@@ -148,11 +148,14 @@ def a_pe_that_misses_frames_gets_them_again() -> None:
 
 
 def a_pe_that_refuses_is_failed() -> None:
-    """The manager fails a PE for each reason that no repetition removes, and for no other reason."""
+    """The manager fails a PE for each reason that no repetition removes, and for no other reason.
+
+    A PE that lacks an image also reports the module, and is planned with for everything else.
+    """
     for reason, fails in (
         (Reason.DIGEST, True),
         (Reason.UNKNOWN_INDEX, True),
-        (Reason.IMAGE, True),
+        (Reason.IMAGE, False),
         (Reason.INCOMPLETE, False),
         (Reason.STALE_EPOCH, False),
         (Reason.STALE_TERM, False),

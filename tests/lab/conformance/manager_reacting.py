@@ -4,6 +4,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
+from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.vocabulary import (
@@ -67,6 +68,75 @@ def a_fault_is_latched_and_acknowledged() -> None:
     equal(manager.plan_requests()[-1].now.down, frozenset(), "down after it was cleared")
     reply = manager.accept(ClearElement("device:elevator_servo_1"))
     demand(not reply.done, "what is well is cleared")
+
+
+def _planned(manager: ManagerUnderTest) -> Placement:
+    """Give the plan that answers the manager's last request: module -> (mode, PE)."""
+    asked = manager.plan_requests()[-1]
+    return placement(best_plan(manager.spec, asked.now, asked.running).configuration)
+
+
+def a_module_is_out_on_one_pe_first() -> None:
+    """A module that fails on one PE is planned elsewhere; when it fails on a second PE, it is out everywhere."""
+    manager = ManagerUnderTest().flies()
+    control = list(manager.spec.modules).index("elevator_control")
+    flight, tail_a = (manager.pes[name].node for name in ("flight", "tail_a"))
+    places = {pe: f"module:elevator_control@{pe}" for pe in ("flight", "tail_a")}
+
+    def down_after(pe: str, code: FaultCode) -> frozenset[str]:
+        for _ in range(2):  # a repeated report changes nothing
+            manager.emergency(pe, _MODULE, control, 0, code)
+            manager.run(3)
+        return manager.plan_requests()[-1].now.down
+
+    equal(down_after("flight", FaultCode.MODULE_EXCEPTION), {places["flight"]}, "down after it failed on one PE")
+    began_ns = manager.run(100)
+    held = {(one.a, one.b) for one in manager.acknowledged(began_ns) if one.operation is Operation.HOLDS}
+    equal(held, {(_MODULE | flight << 8, control)}, "what the manager holds")
+    both = {places["flight"], "module:elevator_control"}
+    equal(down_after("tail_a", FaultCode.MODULE_OVERRUN), both, "down after it failed on a second PE")
+    equal(down_after("tail_b", FaultCode.PARTITION_ENDED), both, "down after it failed on a third PE")
+    began_ns = manager.now_ns
+    demand(manager.accept(ClearElement("module:elevator_control")).done, "it cannot be cleared")
+    manager.run(3)
+    equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _MODULE, control)], "CLEARs")
+    equal(manager.plan_requests()[-1].now.down, frozenset(), "down after it was cleared with its places")
+    down_after("flight", FaultCode.MODULE_MISSING)
+    down = down_after("tail_a", FaultCode.MODULE_MISSING)
+    equal(down, set(places.values()), "down after two PEs reported that its code is missing")
+    equal(down_after("flight", FaultCode.MODULE_EXCEPTION), set(places.values()), "down after it failed there as well")
+    began_ns = manager.now_ns
+    manager.accept(ClearElement(places["tail_a"]))
+    manager.run(3)
+    equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _MODULE | tail_a << 8, control)], "CLEARs")
+    equal(manager.plan_requests()[-1].now.down, {places["flight"]}, "down after one place was cleared")
+    down = down_after("tail_b", FaultCode.REPORTED)
+    equal(down, {places["flight"], "module:elevator_control"}, "down after a module that watches it reported it")
+
+
+def a_module_without_a_choice_of_pes_is_out_at_once() -> None:
+    """It has no places, so that a failure and a missing image concern the module as a whole."""
+    for code in (FaultCode.MODULE_EXCEPTION, FaultCode.MODULE_MISSING):
+        manager = ManagerUnderTest().flies()
+        driver = list(manager.spec.modules).index("servo_driver_1")
+        manager.emergency("tail_a", _MODULE, driver, 0, code)
+        manager.run(3)
+        equal(manager.plan_requests()[-1].now.down, {"module:servo_driver_1"}, f"down after {code.name}")
+
+
+def a_module_cleared_where_it_does_not_run_disturbs_no_pe() -> None:
+    """Only where the cleared module still runs by the plan, and its PE has stopped it, is a new epoch needed."""
+    manager = ManagerUnderTest(example("fail_over")).flies()
+    name, (_, pe) = next((m, at) for m, at in _planned(manager).items() if manager.spec.modules[m].device is None)
+    module, place = list(manager.spec.modules).index(name), f"module:{name}@{pe}"
+    manager.emergency(pe, _MODULE, module, 0, FaultCode.MODULE_EXCEPTION)
+    manager.run(500)
+    moved_to = _planned(manager)[name][1]
+    demand(moved_to != pe, f"{name} still runs on {pe}")
+    epoch = manager.lease().epoch
+    demand(manager.accept(ClearElement(place)).done, "its place cannot be cleared")
+    manager.run(500)
+    equal((manager.lease().epoch, _planned(manager)[name][1]), (epoch, moved_to), "epoch and PE after that")
 
 
 def no_plan_is_made_without_the_managers_own_bus() -> None:

@@ -243,6 +243,28 @@ def what_is_held_no_more_is_cleared() -> None:
     demand(44 <= waited <= 47, f"a fault that is not announced is given up after {waited} beats")
 
 
+def a_place_is_held_and_cleared_by_its_node() -> None:
+    """HOLDS and CLEAR of a module name the PE on which alone it is out; a place that does not exist means nothing."""
+    manager, active_manager = _standing_by()
+    control, driver = (list(manager.spec.modules).index(name) for name in ("elevator_control", "servo_driver_1"))
+    flight, tail_a = (manager.pes[name].node for name in ("flight", "tail_a"))
+    nowhere = [(ElementKind.MODULE | 99 << 8, control), (ElementKind.MODULE | tail_a << 8, driver), (99, 0)]
+    for a, index in [(ElementKind.MODULE | node << 8, control) for node in (flight, tail_a)] + nowhere:
+        manager.main.command(Control(1, 0, Operation.HOLDS, a, index), manager=126)
+    manager.run(20)
+    places = [f"module:elevator_control@{pe}" for pe in ("flight", "tail_a")]
+    equal([one["element"] for one in manager.told("fault_reported")], places, "places that it holds")
+    manager.main.command(Control(1, 0, Operation.CLEAR, ElementKind.MODULE | tail_a << 8, control), manager=126)
+    manager.run(20)
+    equal([one["element"] for one in manager.told("fault_cleared")], places[1:], "places that are cleared")
+    _its_mastership_ends(manager, active_manager, 500)
+    manager.emergency("flight", ElementKind.MODULE, control, 0, FaultCode.MODULE_EXCEPTION)
+    manager.emergency("tail_b", ElementKind.MODULE, control, 0, FaultCode.MODULE_EXCEPTION)
+    manager.run(20)
+    down = manager.plan_requests()[-1].now.down
+    equal(down, {places[0], "module:elevator_control"}, "down after the report that was only announced, and a second")
+
+
 def a_request_that_another_manager_has_executed_is_not_executed_again() -> None:
     """The standby has heard the answer, and the operator may have gone back since. Only a later request counts."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)

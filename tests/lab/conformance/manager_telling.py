@@ -278,14 +278,14 @@ def _verify_table(spec: Spec, pe: str) -> None:
     may = [m.name for m in spec.modules.values() if pe in hosts_when_all_is_up(spec, m)]
     equal([m.name for m in table.modules], may, f"modules of {pe}")
     equal(list(table.module_names), list(spec.modules), "names of modules")
-    branches = {branch for demux in spec.demuxes.values() for branch in demux.branches}
+    exclusive = {name for demux in spec.demuxes.values() for name in (*demux.branches, *demux.to)}
     outputs = {output for function in spec.functions.values() for output in function.outputs}
     for entry in table.modules:
         module = spec.modules[entry.name]
         moves = module.device is not None and spec.devices[module.device].kind == "actuator"
         told = entry.image, entry.device, entry.demux, entry.restarts, entry.ram
         most = max(mode.ram for mode in module.modes.values())
-        equal(told, (module.image, module.device, module.name in branches, module.restarts, most), module.name)
+        equal(told, (module.image, module.device, module.name in exclusive, module.restarts, most), module.name)
         equal(entry.movable, len(hosts_when_all_is_up(spec, module)) > 1, f"{module.name} is movable")
         equal(entry.silent_output, module.name in outputs and not moves, f"{module.name} is a silent output")
         for mode, written in zip(entry.modes, module.modes.values(), strict=True):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from heronry_agent.core.vocabulary import (
     DriveFailed,
     Driven,
+    ImagesMissing,
     NotReady,
     PartitionEnded,
     StartFailed,
@@ -136,6 +137,37 @@ def what_is_cleared_is_ended_and_reported_anew() -> None:
         [reset],
         "EMCYs after CLEAR without an acknowledgement",
     )
+
+
+def missing_code_is_reported() -> None:
+    """The PE reports each module whose code is missing, again after CLEAR and to each new manager; it runs the rest."""
+    pe = _flying(Slice((_HELPER,), publish={2: 1}))
+    image = TABLE.modules[GAUGE].image
+    pe.tell(ImagesMissing({image: "no such code"}))
+    pe.tell(ImagesMissing({image: "no such code"}))
+    alike = [one.index for one in TABLE.modules if one.image == image]
+    every = {Emergency(FaultCode.MODULE_MISSING, 0x81, ElementKind.MODULE, index, 0) for index in alike}
+    missing = Emergency(FaultCode.MODULE_MISSING, 0x81, ElementKind.MODULE, GAUGE, 0)
+    began_ns = pe.run(45)
+    equal({said for _, said in pe.emergencies(began_ns)}, every, "EMCYs")
+    heard = [Control(5, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE, index) for index in alike]
+    pe.main.command(*heard)
+    began_ns = pe.run(1500)
+    equal(pe.emergencies(began_ns), [], "EMCYs after it was acknowledged")
+    pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.MODULE | NODE + 1 << 8, GAUGE))
+    began_ns = pe.run(45)
+    equal(pe.emergencies(began_ns), [], "EMCYs after the module was cleared on another PE")
+    reset = Emergency(FaultCode.RESET, 0, ElementKind.MODULE, GAUGE, 0)
+    for place in (NODE, 0):
+        pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.MODULE | place << 8, GAUGE))
+        began_ns = pe.run(5)
+        equal([said for _, said in pe.emergencies(began_ns)], [reset, missing], "EMCYs after CLEAR")
+        pe.main.command(Control(5, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE, GAUGE))
+    pe.run(50)
+    pe.term = 6
+    pe.lease = Lease(pe.term, _EPOCH, Step.GO_ALL, _DIGEST)
+    began_ns = pe.run(45)
+    equal({said for _, said in pe.emergencies(began_ns)}, every, "EMCYs to a new manager")
 
 
 def a_new_term_is_told_what_was_heard_since_the_last_silence() -> None:

@@ -222,7 +222,7 @@ def test_every_example_of_a_fault_or_a_limit_is_understood(example: str) -> None
     written = [row[0].strip("`") for row in rows(SEMANTICS, "written")]
     limits = [one for one in written if "=" in one]
     found = situation(spec, [one for one in written if one not in limits], limits)
-    assert (len(found.down), len(found.limits)) == (5, 2)
+    assert (len(found.down), len(found.limits)) == (6, 2)
     with pytest.raises(UnknownElementError):
         situation(spec, limits=["device:gps=50%"])
 

@@ -1,17 +1,17 @@
 """The plans made ahead with which an aircraft flies: those of a file, those for every single fault, or none.
 
-The manager commands a contingency by its number, and a PE has its slice of that contingency on board (protocol rule 5).
-So the tables and the manager need the same plans. The user may name a file of them. Else tables and manager use the
-plans for every single fault, in the phases that the spec's `contingency` names. The same spec, planner and processor
-architecture give the same plans, so tables and manager may be made on different computers. Where the plans differ all
-the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on board, and the
-manager sends the slice. So no PE runs another configuration than the manager means.
+The manager refers to a contingency by its number, and a PE has its slice of that contingency on board (protocol rule
+5). So the tables and the manager need the same plans. The user may name a file of plans. Otherwise tables and manager
+use the plans for every single fault, in the phases that the spec's `contingency` names. The same spec, planner and
+processor architecture give the same plans, so tables and manager may be made on different computers. If the plans
+differ all the same, PREPARE has a digest that the PE does not hold; the PE answers that the contingency is not on
+board, and the manager sends the slice. So no PE runs another configuration than the manager means.
 
-The plans are made when they are first needed (a demo flies at once, and makes them behind the flight). They are kept in
+The plans are made when they are first needed (a demo flies at once, and makes them in the background). They are kept in
 the user's cache under the digests of the spec and of the planner, so that a manager that starts again in flight finds
-them. One process makes them (a lock), and the next one
-continues the work of a killed one (`contingency.journal`). The file is written whole or not at all, and a damaged file
-is made anew. Where the plans cannot be made or kept, a message says so, and the system flies without them.
+them. A lock ensures that one process makes them; the next process continues the work of a killed one
+(`contingency.journal`). The file is written whole or not at all, and a damaged file is made anew. If the plans cannot
+be made or kept, a message says so, and the system flies without them.
 """
 
 import argparse
@@ -39,7 +39,7 @@ _QUESTIONS_FOR_A_CREW: Final = 100  # fewer are planned before worker processes 
 
 
 class Ahead(Enum):
-    """What is planned ahead where the user names no file."""
+    """The choices of plans made ahead where the user names no file."""
 
     SINGLE_FAULTS = "the plans for every single fault"
     NOTHING = "none"
@@ -52,7 +52,7 @@ CARRIED = "a PE has as many on board as fit; give the manager the same plans"
 
 
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
-    """Add --contingencies; its help says what the plans are for (`what`), and which are the default."""
+    """Add --contingencies; `what` says in its help what the plans are for, `default` which plans are the default."""
     parser.add_argument(
         "--contingencies",
         type=_source,
@@ -82,12 +82,12 @@ def contingencies_of(
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
-    """Give the plans for every single fault if they were made before; None: they were not, or with another solver."""
+    """Give the plans for every single fault if they were made before; None if not, or if another solver made them."""
     return _kept(spec, _kept_in(spec))
 
 
 def can_plan_ahead() -> bool:
-    """Tell whether there is a solver; if not, say so."""
+    """Tell whether there is a solver; if there is none, print that."""
     if _solver() is None:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
         return False
@@ -101,7 +101,7 @@ def questions(spec: "Spec") -> int:
 
 
 def found_so_far(spec: "Spec") -> int:
-    """Number of the plans that a run which has not ended, or was killed, has kept."""
+    """Number of the plans that are kept from a run which has not ended, or was killed."""
     from heronry_tools.analysis.campaign.sweeping import partial_of  # noqa: PLC0415
 
     with suppress(OSError):
@@ -184,15 +184,15 @@ def _make(spec: "Spec", file: Path) -> "Contingencies":
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
     count = questions(spec)
-    _say(f"planning {spec.name} ahead for every single fault, once ({count} plans)")
+    _say(f"planning {spec.name} ahead for every single fault, once ({count} plans, and those of places in use)")
     with crew(cpus() if count > _QUESTIONS_FOR_A_CREW else 1) as executor:
         return sweep_into(file, spec, _scope(spec), executor).made
 
 
 def _scope(spec: "Spec") -> "Scope":
-    """Give the fault sets and phases for which is planned ahead."""
+    """Give the fault sets and phases for which plans are made ahead."""
     from heronry_dg.situation import elements  # noqa: PLC0415
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import phases_of  # noqa: PLC0415
 
-    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec))
+    return Scope(elements(spec), min(_FAULTS, spec.contingency.faults), phases_of(spec), places=True)

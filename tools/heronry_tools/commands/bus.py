@@ -42,7 +42,9 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--plan", metavar="PLAN.json", help="the plan to show (- for standard input)")
     parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
-    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="share that is left of a capacity")
+    parser.add_argument(
+        "--limit", metavar="ELEMENT=PERCENT", action="append", help="the share of a capacity that is left"
+    )
     parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
     parser.add_argument("--priority", metavar="FUNCTION=N", action="append", help="a changed priority; may be repeated")
     parser.add_argument("--bus", metavar="NAME", help="show this bus alone")

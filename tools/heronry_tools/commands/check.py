@@ -88,7 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _a_short_life() -> Iterator[None]:
-    """Switch the garbage collector off for the rest of this process: it took a sixth of the time of a fast check."""
+    """Switch Python's garbage collector off for the rest of this process.
+
+    It took a sixth of the time of a fast check.
+    """
     gc.disable()
     try:
         yield
@@ -151,7 +154,10 @@ def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
 
 
 def _expect_readable(file: Path) -> None:
-    """Refuse a file that was named and is not there; one that is found below a folder is a finding (DG001)."""
+    """Refuse a file that the user named and that does not exist.
+
+    A file found in a folder gets a finding (DG001) instead.
+    """
     if not os.access(file, os.R_OK):
         from heronry_dg.shipped import shipped_spec_names  # noqa: PLC0415
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
-from heronry_tools.console.output import add_json
+from heronry_tools.console.output import add_json, expect_ending
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -58,7 +58,8 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
     from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
-    scope = scope_of(spec, arguments)
+    expect_ending(arguments.output, {"contingencies": (".contingencies",)})
+    scope = scope_of(spec, arguments, places=True)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         written = sweep_into(arguments.output, spec, scope, executor)
     if arguments.json:
@@ -72,11 +73,14 @@ def _report(spec: "Spec", file: Path, written: "Written") -> None:
     from heronry_manager.core.on_board import on_board  # noqa: PLC0415
 
     made, tally, scope = written.made, written.tally, written.made.scope
-    total = scope.set_count() * len(made.phases)
+    total = sum(1 for _ in made.entries())
     unproven = sum(not plan.optimal for _, _, plan in made.entries())
+    in_use = "places in use, " if scope.places else ""
     phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
     print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
-    print(f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, and safe modes")
+    print(
+        f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, {in_use}and safe modes"
+    )
     print(
         f"{tally.searched} plans searched for, {tally.pruned_share():.1%} found without a search: "
         f"{tally.by_plan} because a plan stays the best, {tally.by_twin} because another fault has the same effect"
@@ -100,7 +104,7 @@ def _document(spec: "Spec", file: Path, written: "Written") -> dict[str, Any]:
         "faults": scope.faults,
         "elements": list(scope.elements),
         "phases": [one.phase for one in made.phases],
-        "plans": scope.set_count() * len(made.phases),
+        "plans": sum(1 for _ in made.entries()),
         "searched": tally.searched,
         "configurations": len(made.configurations),
         "not_proven": sum(not plan.optimal for _, _, plan in made.entries()),
@@ -119,7 +123,7 @@ def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
     made = read_contingencies(arguments.check, spec)
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         wrong = faults_of(spec, made, executor)
-    entries = made.scope.set_count() * len(made.phases)
+    entries = sum(1 for _ in made.entries())
     if arguments.json:
         print(json.dumps({"correct": not wrong, "plans": entries, "wrong": wrong}, indent=2))
         return 1 if wrong else 0

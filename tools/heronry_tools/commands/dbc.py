@@ -22,7 +22,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a *.dg.yaml file, or a shipped spec")
-    add_output_file(parser)
+    add_output_file(parser, "DBC", ".dbc")
     parser.set_defaults(run=run)
 
 

@@ -15,6 +15,7 @@ examples:
   heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
   heronry demo elevator_and_chute --for 8 --record flight.log
   heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
+  heronry demo --no-kill --for 60                     nothing fails; give orders beside it: heronry fail device:gps
   heronry demo --from 210 --for 40                    the landing
   heronry demo --key fleet.key                        every command and every state carries a proof
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
@@ -44,6 +45,7 @@ def add_parsers(subparsers: Any) -> None:
         default=[],
         help="SIGKILL a PE, or the manager: manager@SECONDS",
     )
+    parser.add_argument("--no-kill", action="store_true", help="kill nothing: the aircraft flies as it is")
     parser.add_argument(
         "--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start a killed PE again"
     )
@@ -55,7 +57,7 @@ def add_parsers(subparsers: Any) -> None:
         dest="seconds",
         metavar="SECONDS",
         type=_seconds,
-        help=f"how long to run (default {DEFAULT_SECONDS:.0f})",
+        help=f"how long to run (default {DEFAULT_SECONDS:.0f}); what is under way then is awaited, for at most 15 s",
     )
     parser.add_argument(
         "--from",

@@ -1,6 +1,6 @@
 """`heronry diff`: what a change of a spec changes, in the graph and in consequence.
 
-Exit codes: 0 with any change, or none; 2 the input cannot be used.
+Exit codes: 0 with any change, or none; with --exit-code 1 where there is one; 2 the input cannot be used.
 """
 
 import argparse
@@ -24,6 +24,7 @@ examples:
   heronry diff my.dg.yaml <(sed 's/cpu: 0.20/cpu: 0.60/' my.dg.yaml)      what if
   heronry diff old.dg.yaml new.dg.yaml --json               the same for a program
   heronry diff old.dg.yaml new.dg.yaml --format mermaid     what changed as a picture, for a pull request
+  heronry diff HEAD:my.dg.yaml my.dg.yaml --exit-code       ends with 1 if anything changed, for CI
 """
 
 
@@ -36,6 +37,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("old", metavar="OLD", help="a *.dg.yaml, a shipped spec, REV:PATH in git, or -")
     parser.add_argument("new", metavar="NEW", help="the changed spec")
+    parser.add_argument("--exit-code", action="store_true", help="end with 1 where the specs differ, as git diff does")
     add_output(parser, forms={"text": (), "json": JSON, "mermaid": (".mmd", ".mermaid")})
     parser.set_defaults(run=run)
 
@@ -43,6 +45,7 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Compare and report; returns the exit code."""
     from heronry_tools.analysis.diff.difference import difference  # noqa: PLC0415 - slow to import
+    from heronry_tools.analysis.diff.elements import element_changes  # noqa: PLC0415
     from heronry_tools.analysis.diff.findings import findings_change  # noqa: PLC0415
     from heronry_tools.analysis.diff.picture import mermaid_difference  # noqa: PLC0415
     from heronry_tools.analysis.diff.report import json_report, text_report  # noqa: PLC0415
@@ -52,10 +55,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("only one of OLD and NEW can be standard input; name a file for the other")
     texts = spec_text(arguments.old), spec_text(arguments.new)
     old, new = texts[0].load(), texts[1].load()
+    differ = bool(element_changes(old, new))
     if arguments.format == "mermaid":
         sys.stdout.write(mermaid_difference(old, new))
-        return 0
-    findings = findings_change(texts[0].name, texts[0].data, texts[1].name, texts[1].data)
-    report = json_report if arguments.json else text_report
-    sys.stdout.write(report(difference(old, new, findings)))
-    return 0
+    else:
+        findings = findings_change(texts[0].name, texts[0].data, texts[1].name, texts[1].data)
+        differ = differ or bool(findings.new.findings or findings.old.findings)
+        report = json_report if arguments.json else text_report
+        sys.stdout.write(report(difference(old, new, findings)))
+    return int(differ and arguments.exit_code)

@@ -22,7 +22,7 @@ def add_parsers(subparsers: Any) -> None:
         description="Write the object dictionary of a PE as an electronic data sheet (CiA 306).",
         epilog=_EPILOG,
     )
-    add_output_file(parser)
+    add_output_file(parser, "EDS", ".eds")
     parser.set_defaults(run=run)
 
 

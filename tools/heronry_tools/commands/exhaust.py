@@ -59,7 +59,9 @@ def add_parsers(subparsers: Any) -> None:
         metavar="N",
         help="also fly N pairs of faults, drawn at random (default: 0)",
     )
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="seed that draws them (default: 0)")
+    parser.add_argument(
+        "--seed", type=whole_number, default=0, metavar="N", help="seed from which faults are drawn (default: 0)"
+    )
     parser.add_argument("--standby", action="store_true", help="with two managers")
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(

@@ -16,6 +16,7 @@ from heronry_tools.console.output import add_output
 if TYPE_CHECKING:
     from heronry_tools.runtime.module_trial import Trial
 
+_LONGEST_S = 86_400
 _EPILOG = """\
 examples:
   heronry module try my_glider:Speed --reading 3.2 --inputs density=1.225    three steps, and what each one gives
@@ -48,15 +49,29 @@ def add_parsers(subparsers: Any) -> None:
     trial.add_argument("--mode", metavar="NAME", default="only", help="name of its mode (default: only)")
     trial.add_argument("--rate-hz", metavar="HZ", type=float, default=10.0, help="steps in a second (default 10)")
     trial.add_argument("--steps", metavar="N", type=int, default=3, help="how many steps it computes (default 3)")
+    trial.add_argument(
+        "--limit", metavar="SECONDS", type=_limit, default=10.0, help="code that takes longer has failed (default 10)"
+    )
     add_output(trial, "print steps and failure as one JSON object")
     trial.set_defaults(run=run)
+
+
+def _limit(text: str) -> float:
+    """Read a limit in seconds; argparse shows the sentence to the user."""
+    try:
+        limit_s = float(text)
+    except ValueError:
+        limit_s = 0.0
+    if not 0 < limit_s <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no limit; write seconds, more than 0 and at most {_LONGEST_S}")
+    return limit_s
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Try a module; returns the exit code."""
     from heronry_agent.shell.module_runner import Orders  # noqa: PLC0415 - keeps `--help` quick
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
-    from heronry_tools.runtime.module_trial import expect_there, period_ns, read_value, try_module  # noqa: PLC0415
+    from heronry_tools.runtime.module_trial import period_ns, read_value, try_module  # noqa: PLC0415
 
     if not 0 < arguments.rate_hz <= 10_000 or arguments.steps < 1:
         raise UserError("let the module compute at least one step, with a rate above 0 and up to 10000 Hz")
@@ -67,10 +82,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise UserError(f"--inputs {text}: write it as NAME=VALUE, for example density=1.225")
         inputs[name] = read_value(value)
     reading = None if arguments.reading is None else read_value(arguments.reading)
-    expect_there(arguments.image)
     orders = Orders("module", arguments.image, arguments.mode, period_ns(arguments.rate_hz), has_device=True)
     with redirect_stdout(sys.stderr):
-        trial = try_module(orders, inputs, reading, arguments.steps)
+        trial = try_module(orders, inputs, reading, arguments.steps, arguments.limit)
     is_json = arguments.format == "json"
     for line in [json.dumps(trial.document(), indent=2)] if is_json else _report(trial, orders.period_ns):
         print(line)

@@ -1,7 +1,7 @@
 """`heronry pcs`: component graphs of polymorphic control, assessed, edited, cut, and rewired by scripts.
 
-Exit codes: 0 what was asked for holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
-With --json, what cannot be done is `{"error": ...}` under the name that docs/polymorphic.md gives it.
+Exit codes: 0 what was requested holds, or was done; 1 it does not hold, or cannot be done; 2 the input cannot be used.
+With --json, an operation that cannot be done gives `{"error": NAME}`, with the names of docs/polymorphic.md.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from heronry_tools.console.output import TEXT_OR_JSON, Forms, add_output
 
 if TYPE_CHECKING:
     from heronry_pcs.assessment import Assessment
-    from heronry_pcs.graph import Edge, Graph
+    from heronry_pcs.graph import Edge, Graph, PcsError
     from heronry_tools.analysis.control.subject import Subject
 
 _EPILOG = """\
@@ -98,7 +98,10 @@ def _add_graph(commands: Any) -> None:
     parser = _command(commands, "graph", does, run_graph, forms={**TEXT_OR_JSON, "svg": (".svg",)})
     _add_subject(parser)
     parser.add_argument(
-        "--level", choices=("module", "pe", "side"), default="module", help="what is seen closed (default: module)"
+        "--level",
+        choices=("module", "pe", "side"),
+        default="module",
+        help="which components are shown closed (default: module)",
     )
 
 
@@ -125,16 +128,18 @@ def _add_edit(commands: Any) -> None:
     )
     parser.add_argument("subject", metavar="FILE", help="a component graph")
     parser.add_argument("operation", choices=_OPERATIONS, metavar="OPERATION", help=", ".join(_OPERATIONS))
-    parser.add_argument("arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member")
+    parser.add_argument(
+        "arguments", nargs="*", metavar="ARGUMENT", help="edges, a file, or a member, as the operation needs"
+    )
     _add_view(parser)
-    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: members to make the new one of")
+    parser.add_argument("--of", metavar="K,..", type=_names, help="contract: the members of the new component")
     _add_write(parser)
 
 
 def _add_script(commands: Any) -> None:
     parser = _command(commands, "script", "write the script that leads from one graph, or plan, to another", run_script)
     parser.add_argument("old", metavar="OLD", help="a component graph, or a plan")
-    parser.add_argument("new", metavar="NEW", help="the one to get to")
+    parser.add_argument("new", metavar="NEW", help="the graph or plan to reach")
     parser.add_argument("--spec", metavar="SPEC", help="the spec of two plans, where it is not a shipped one")
 
 
@@ -232,7 +237,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
 
 
 def _edited(graph: "Graph", arguments: argparse.Namespace) -> "tuple[Graph, Sequence[str] | None]":
-    """The graph that an operation gives, and the view that it leaves, if it is about one."""
+    """Give the graph that an operation makes; for an operation on a view also the view that results."""
     from heronry_pcs import operations, views  # noqa: PLC0415
 
     given: list[str] = arguments.arguments
@@ -297,7 +302,7 @@ def _compared(text: str, spec: str | None) -> "Graph":
 
 
 def run_apply(arguments: argparse.Namespace) -> int:
-    """Try a script, or fly it; returns 0 if it has no error, or holds; else 1."""
+    """Try a script, or fly it; returns 0 if the script has no error, or is held by the manager; else 1."""
     if arguments.live:
         return _fly(arguments)
     from heronry_pcs.graph_files import document  # noqa: PLC0415
@@ -329,7 +334,7 @@ def _fly(arguments: argparse.Namespace) -> int:
     from heronry_tools.runtime.live_script import fly  # noqa: PLC0415
 
     if arguments.plan is not None or arguments.write is not None:
-        raise UserError("--live flies what runs: leave --plan and --write out")
+        raise UserError("--live changes the running configuration: leave --plan and --write out")
     text = read_text(arguments.script)
     spec, path = load_spec(arguments.subject), manager_socket(arguments)
     return say_answer(arguments, fly(path, text, spec))
@@ -375,13 +380,13 @@ def _assessed(graph: "Graph", view: "Sequence[str] | None", path: "Sequence[str]
     return assess(graph, view, path, longest_cycle)
 
 
-def _refused(error: Exception, arguments: argparse.Namespace) -> int:
-    """Say why something cannot be done."""
+def _refused(error: "PcsError", arguments: argparse.Namespace) -> int:
+    """Say why something cannot be done; returns 1, or 2 where a name was typed that the graph does not have."""
     if arguments.json:
-        print(json.dumps({"error": getattr(error, "error", str(error))}))
+        print(json.dumps({"error": error.error}))
     else:
         print(f"heronry: {error}", file=sys.stderr)
-    return 1
+    return 2 if error.is_unknown else 1
 
 
 def _save(graph: "Graph", file: Path) -> None:

@@ -62,7 +62,9 @@ def add_parsers(subparsers: Any) -> None:
     _add_spec(plan)
     _add_situation(plan)
     plan.add_argument(
-        "--running", metavar="PLAN.json", help="what runs now, as a plan: prefer few changes against it (- for stdin)"
+        "--running",
+        metavar="PLAN.json",
+        help="the plan that runs now; the new plan changes as little of it as possible (- for stdin)",
     )
     plan.add_argument(
         "--planner",
@@ -170,7 +172,7 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
 
 
 def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
-    """Read what runs from a plan: a configuration if the plan has all of its wires, else the placement alone."""
+    """Read what runs from a plan: a configuration if the plan has all wires of it, else only the placement."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:

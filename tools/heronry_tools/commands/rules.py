@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, add_output, add_output_file
-from heronry_wire.command_parser import close
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_dg.rules.rule import Rule
@@ -66,7 +66,7 @@ def add_parsers(subparsers: Any) -> None:
         epilog=_SCHEMA_EPILOG,
     )
     schema.add_argument("format", nargs="?", choices=("dg", "pcs"), default="dg", help="default: dg, a spec")
-    add_output_file(schema)
+    add_output_file(schema, "JSON", ".json")
     schema.set_defaults(run=run_schema)
 
 
@@ -94,8 +94,7 @@ def run_explain(arguments: argparse.Namespace) -> int:
     rules = {**RULES, **GRAPH_RULES}
     rule = rules.get(wanted.upper()) or next((rule for rule in rules.values() if rule.name == wanted.lower()), None)
     if rule is None:
-        found = close(wanted.lower(), [rule.name for rule in RULES.values()])
-        remedy = f"did you mean '{found}'?" if found else "heronry rules lists all codes"
+        remedy = meant(wanted.lower(), [rule.name for rule in RULES.values()], "heronry rules lists all codes")
         raise UserError(f"there is no code '{wanted}'; {remedy}")
     sys.stdout.write(json.dumps(_fields(rule), indent=2) + "\n" if arguments.json else explained(rule))
     return 0

@@ -130,6 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0
+    show_line(f"flying {spec.name}: {len(scenarios)} flights" if len(scenarios) > 1 else f"flying {spec.name}")
     for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
         show_line("")
         coverage.add(outcome)
@@ -143,6 +144,8 @@ def run(arguments: argparse.Namespace) -> int:
         summary = {"flights": len(scenarios), "failed": failed, "coverage": coverage.document()}
         lines = [*coverage.table(), f"{len(scenarios)} flights, {failed} failed"]
         print(json.dumps(summary) if arguments.json else "\n".join(lines))
+    elif not arguments.json:
+        print("the flight FAILED" if failed else "the flight passed: no oracle was violated")
     return 1 if failed else 0
 
 
@@ -217,14 +220,14 @@ def _lines_of(file: Path) -> list[str]:
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
-    """Tell whether an oracle was violated; a given fault that was not injected is not enough."""
+    """Tell whether an oracle was violated; that a given fault was not injected does not count."""
     from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
 
     return any(violation.rule != MISSED for violation in outcome.violations)
 
 
 def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":
-    """Look for a shorter flight that fails, too, and write it to a scenario file."""
+    """Search for a shorter flight that fails, too, and write it to a scenario file."""
     from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
     from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
 

@@ -27,7 +27,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
-    add_output_file(parser)
+    add_output_file(parser, "table", ".table")
     parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
     add_contingencies_argument(parser, CARRIED)
     parser.set_defaults(run=run)

@@ -40,8 +40,8 @@ class UserError(HeronryError):
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
     """Run a program and return its exit code.
 
-    An error that the user can correct gives a sentence on stderr and 2, a closed pipe 141, a signal 128 + its number
-    (Ctrl-C: 130), whatever else happened after the signal.
+    An error that the user can correct gives a sentence on stderr and exit code 2. A closed pipe gives 141. A signal
+    gives 128 + its number (Ctrl-C: 130), whatever else happened after the signal.
     """
     try:
         code = _flushed(program)
@@ -65,7 +65,7 @@ def exit_code(program: Callable[[], int | None], name: str, command: str | None 
 
 
 def _flushed(program: Callable[[], int | None]) -> int:
-    """Flush standard output where a failure can still be reported, after --help too."""
+    """Flush standard output while a failure can still be reported; after --help too."""
     try:
         return program() or 0
     finally:
@@ -73,7 +73,10 @@ def _flushed(program: Callable[[], int | None]) -> int:
 
 
 def _drop_output() -> None:
-    """Discard what could not be written; Python would try again when it ends, and print its own error."""
+    """Discard output that could not be written.
+
+    Python would try again when it ends, and print an error of its own.
+    """
     try:
         sys.stdout.flush()
     except OSError:
@@ -81,7 +84,7 @@ def _drop_output() -> None:
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
-    """Sentence for an error that the user can fix, raised by `command`; None for a defect of heronry."""
+    """Sentence for an error that the user can correct, raised by `command`; None for a defect of heronry."""
     can = sys.modules.get("can")  # slow to import; a process that has not imported it has none of its errors
     if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)
@@ -95,6 +98,6 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
 
 
 def _how_to_install(module: str, command: str | None) -> str | None:
-    """How to install a module that an optional extra brings; None for any other module."""
+    """Say how to install a module that an optional extra brings; None for any other module."""
     extra = _ENOUGH.get((module, str(command))) or _EXTRAS.get(module)
     return f'{module} is not installed; add it with: pip install "heronry[{extra}]"' if extra else None

@@ -1,10 +1,12 @@
-"""The manager that a command calls, --of NAME or --socket PATH, and how the command says what that manager answers."""
+"""The options --of NAME and --socket PATH, by which a command finds a manager, and the output of its answer."""
 
 import argparse
 import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from heronry_tools.console.errors import UserError
 
 if TYPE_CHECKING:
     from heronry_manager.shell.control_protocol import Answer
@@ -31,7 +33,12 @@ def manager_socket(arguments: argparse.Namespace) -> Path:
 
 
 def say_answer(arguments: argparse.Namespace, answer: "Answer") -> int:
-    """Say what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not."""
+    """Print what a manager answered to an order; returns the exit code: 0 if the order is carried out, 1 if not.
+
+    Raises UserError where the order names what the spec does not have.
+    """
+    if answer.is_unusable:
+        raise UserError(answer.sentence)
     if arguments.json:
         print(json.dumps({"done": answer.done, "sentence": answer.sentence}))
     elif answer.done:

@@ -1,9 +1,9 @@
 """Where the output of a command goes, and in which form: --json, --format and -o FILE, the same in every command.
 
-Text is for people, JSON for machines; where there are more forms, --format names them all. -o FILE takes what would be
-printed. The ending of FILE chooses the form where no option does: a plan in `plan.json` is JSON. A FILE with the ending
-of another form is refused, so that no picture named .png holds SVG. A file is written when the command has ended, whole
-or not at all (`whole_file`); a device or a pipe is written as it is.
+Text is for people, JSON for programs. If a command has more forms, --format names them all. -o FILE takes the output
+that would be printed. If no option chooses the form, the ending of FILE does: a plan in `plan.json` is JSON. A FILE
+with the ending of another form is refused, so that no picture named .png holds SVG. A file is written when the command
+has ended, whole or not at all (`whole_file`); output to a device or a pipe is written directly.
 """
 
 import argparse
@@ -23,11 +23,29 @@ Forms = Mapping[str, tuple[str, ...]]
 JSON: Final = (".json",)
 TEXT_OR_JSON: Final[Forms] = {"text": (), "json": JSON}
 _SPECS: Final = (".yaml", ".yml")  # written by people, and easily named by mistake
+_NAMED: Final[Mapping[str, str]] = {  # by ending: what a reader, or a program, takes such a file for
+    ".json": "JSON",
+    **dict.fromkeys((".mmd", ".mermaid"), "Mermaid"),
+    **dict.fromkeys((".dot", ".gv"), "graph for Graphviz"),
+    **dict.fromkeys((".html", ".htm"), "HTML"),
+    ".svg": "SVG",
+    ".xml": "XML",
+    ".md": "Markdown",
+    ".sarif": "SARIF",
+    ".dbc": "DBC",
+    ".eds": "EDS",
+    ".table": "table of a PE",
+}
 _PICTURES: Final = (".png", ".pdf", ".jpg", ".jpeg", ".gif", ".webp", ".bmp", ".tif", ".tiff", ".ps", ".eps")
 
 
-def add_output_file(parser: argparse.ArgumentParser) -> None:
-    """Add -o FILE to a command that has one form of output."""
+def add_output_file(parser: argparse.ArgumentParser, form: str, ending: str) -> None:
+    """Add -o FILE to a command that has one form of output, whose files have this ending."""
+    _add_file(parser)
+    parser.set_defaults(only_form={form: (ending,)})
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", dest="report_file", metavar="FILE", type=Path, help="write here instead of to standard output"
     )
@@ -49,7 +67,7 @@ def add_output(
     what: the help of --json. usual: the help on the default, where it is not the first form. Returns the group of the
     options that choose a form, for older spellings.
     """
-    add_output_file(parser)
+    _add_file(parser)
     choice = parser.add_mutually_exclusive_group()
     if len(forms) > len(TEXT_OR_JSON):
         default = usual or next(iter(forms))
@@ -65,9 +83,11 @@ def add_output(
 def settled(arguments: argparse.Namespace) -> argparse.Namespace:
     """Decide the form: `format`, which is None for a default of the command's own, and `json`; raises UserError."""
     forms: Forms | None = getattr(arguments, "forms", None)
+    file: Path | None = getattr(arguments, "report_file", None)
     if forms is None:
+        if file is not None:
+            expect_ending(file, getattr(arguments, "only_form", {}))
         return arguments
-    file: Path | None = arguments.report_file
     named = None if file is None else _form_of(file, forms)
     form = getattr(arguments, "format", None)
     if file is not None and form is not None and named is not None and file.suffix.lower() not in forms[form]:
@@ -80,30 +100,37 @@ def settled(arguments: argparse.Namespace) -> argparse.Namespace:
 
 def _form_of(file: Path, forms: Forms) -> str | None:
     """Form that the ending of a file names; None for an ending that says nothing. Raises UserError."""
+    expect_ending(file, forms)
     ending = file.suffix.lower()
-    found = next((form for form, endings in forms.items() if ending in endings), None)
-    if found is None and ending in _PICTURES:
-        drawn = file.with_suffix(".svg")
-        known = dict.fromkeys(one for endings in forms.values() for one in endings)
+    return next((form for form, endings in forms.items() if ending in endings), None)
+
+
+def expect_ending(file: Path, forms: Forms) -> None:
+    """Return unless the ending of a file names a form that is none of these, or a spec; raises UserError then."""
+    ending = file.suffix.lower()
+    if ending in _SPECS:
+        raise UserError(f"{file}: a file with this ending is a spec, and no command writes specs; name another file")
+    known = list(dict.fromkeys(one for endings in forms.values() for one in endings))
+    if ending in known or ending not in (*_PICTURES, *_NAMED):
+        return
+    what = _NAMED.get(ending, ending[1:].upper())
+    drawn = file.with_suffix(".svg")
+    if ending in _PICTURES and "svg" in forms:
         remedy = f"convert an SVG: -o {drawn}, then rsvg-convert -f {ending[1:]} -o {file} {drawn}"
-        raise UserError(
-            f"{file}: this command writes no {ending[1:].upper()}; "
-            + (remedy if "svg" in forms else f"what it writes ends in {', '.join(known)}, or in .txt")
-        )
-    return found
+    else:
+        remedy = f"what it writes ends in {', '.join([*known, '.txt'] if 'text' in forms else known)}"
+    raise UserError(f"{file}: this command writes no {what}; {remedy}")
 
 
 def run_into_its_file(arguments: argparse.Namespace) -> int:
-    """Run a command, and put what it prints into the file of -o; where it fails, nothing is written. Returns its code.
+    """Run a command, and put what it prints into the file of -o; returns its exit code.
 
-    Codes 0 and 1 are answers; any other one, and an exception, leave FILE as it was.
+    Codes 0 and 1 are answers. With any other code, or an exception, nothing is written, and FILE stays as it was.
     """
     run: Callable[[argparse.Namespace], int] = arguments.run
     file: Path | None = getattr(arguments, "report_file", None)
     if file is None or str(file) == "-":
         return run(arguments)
-    if file.suffix.lower() in _SPECS:
-        raise UserError(f"{file}: a file with this ending is a spec, and no command writes specs; name another file")
     is_stream = file.exists() and not file.is_file() and not file.is_dir()
     if not is_stream:
         expect_writable(file)

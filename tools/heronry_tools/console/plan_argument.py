@@ -1,4 +1,4 @@
-"""The PLAN of a command: a file or standard input, and the situation that it was made for."""
+"""The PLAN of a command: a file or standard input, and the situation for which it was made."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """Give the situation in which to evaluate a plan: the one that the plan names, where no option replaces it."""
+    """Give the situation in which to evaluate a plan: the plan's own, as far as no option replaces it."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
 

@@ -1,6 +1,6 @@
 """The SPEC argument of every command: a file, or the name of a shipped spec.
 
-Where a command reads it once, it may also be `-` (standard input), the <(...) of a shell, and REV:PATH, a file in a
+A command that reads the spec once also takes `-` (standard input), the <(...) of a shell, and REV:PATH, a file in a
 revision of git.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.console.errors import UserError
-from heronry_wire.command_parser import meant
+from heronry_wire.spelling import meant
 
 if TYPE_CHECKING:
     from heronry_dg.model import Function, Spec
@@ -34,7 +34,7 @@ def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = 
 
 @dataclass(frozen=True, slots=True)
 class SpecText:
-    """What SPEC names, as bytes, and the name that stands for its file in messages."""
+    """The content of SPEC as bytes, and the name that stands for its file in messages."""
 
     name: str
     data: bytes
@@ -47,18 +47,24 @@ class SpecText:
 
 
 def load_spec(text: str) -> "Spec":
-    """Load what SPEC names; raises UserError or SpecError."""
+    """Load the spec that SPEC names; raises UserError or SpecError."""
     return spec_text(text).load()
 
 
 def load_spec_file(text: str) -> "Spec":
-    """Load what SPEC names, which is a file: processes of this command read it again. Raises UserError or SpecError."""
+    """Load the spec that SPEC names, which must be a file, since processes of this command read it again.
+
+    Raises UserError or SpecError.
+    """
     spec_path(text)
     return load_spec(text)
 
 
 def spec_text(text: str) -> SpecText:
-    """Read what SPEC names: a file, a shipped spec, `-`, a pipe, or REV:PATH in git; raises UserError or SpecError."""
+    """Read the text that SPEC names: a file, a shipped spec, `-`, a pipe, or REV:PATH.
+
+    Raises UserError or SpecError.
+    """
     from heronry_dg.findings import Findings  # noqa: PLC0415
     from heronry_dg.loader import read_file  # noqa: PLC0415
     from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
@@ -76,7 +82,7 @@ def spec_text(text: str) -> SpecText:
 
 
 def spec_path(text: str) -> Path:
-    """File that SPEC names, for a command whose processes read it again; raises UserError."""
+    """File that SPEC names, for a command whose processes read the file again; raises UserError."""
     if text == "-" or _is_pipe(text) or _is_in_git(text):
         raise UserError(f"{text}: this command reads the spec more than once; write it to a *.dg.yaml, and name that")
     if text.endswith(".table"):
@@ -95,12 +101,12 @@ def spec_path(text: str) -> Path:
 
 
 def _is_pipe(text: str) -> bool:
-    """Tell whether this is a pipe, as the <(...) of a shell is."""
+    """Tell whether a text names a pipe, as the <(...) of a shell does."""
     return Path(text).is_fifo() or text.startswith("/dev/fd/")
 
 
 def _is_in_git(text: str) -> bool:
-    """Tell whether this is REV:PATH, and no file; an empty REV is what is staged."""
+    """Tell whether a text is REV:PATH, and not a file; an empty REV stands for the staged content."""
     return ":" in text and not text.startswith("-") and not Path(text).exists()
 
 
@@ -120,4 +126,4 @@ def named_function(spec: "Spec", name: str) -> "Function":
     """Function that an argument names; raises UserError."""
     if name in spec.functions:
         return spec.functions[name]
-    raise UserError(f"no function is named '{name}'; {meant(name, list(spec.functions))}")
+    raise UserError(f"no function is named '{name}'; {meant(name, spec.functions)}")

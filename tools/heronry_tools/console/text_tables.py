@@ -1,7 +1,7 @@
 """Tables as text: coloured on a terminal that can show colours, plain anywhere else.
 
-One description of the tables, two renderers. The plain one needs nothing installed, and its lines are for `grep` as
-well.
+One description of the tables has two renderers. The plain renderer needs no further package, and its lines are suited
+to `grep`.
 """
 
 import sys

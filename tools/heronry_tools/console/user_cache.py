@@ -1,4 +1,4 @@
-"""Results that are kept for the user: their folder, and names that identify what they were made from."""
+"""Results that are kept for the user: their folder, and file names that identify the input of a result."""
 
 import hashlib
 import os

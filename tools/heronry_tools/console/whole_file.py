@@ -1,7 +1,7 @@
 """Files that are written whole or not at all.
 
 A result that takes minutes is written at the end, in one step. So the command checks at the start whether the file can
-be written: a folder is refused, and a device, too, since the finished draft would replace it.
+be written. A folder is refused. A device is refused too, because the finished draft would replace the device file.
 """
 
 import os
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from heronry_tools.console.errors import UserError
 from heronry_wire import interruption
+from heronry_wire.ordinary_file import replace_ordinary
 
 
 def expect_writable(file: Path) -> None:
@@ -22,23 +23,14 @@ def expect_writable(file: Path) -> None:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file such that a reader, even after a crash, finds either all of the new content or the old file.
+    """Write a file; a reader, even after a crash, finds either all of the new content or the old file.
 
-    Raises UserError where the file cannot be written, and `Interrupted` where the command was interrupted while it
-    computed the data; then the old file stays.
+    Raises UserError if the file cannot be written, and `Interrupted` if the command was interrupted while it computed
+    the data; then the old file stays.
     """
     interruption.expect_none()
     expect_writable(file)
-    target = file.resolve()  # the target of a link is replaced, and the link stays
-    draft = target.with_name(f"{target.name}.new")
     try:
-        with draft.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(target)
-    except BaseException as error:
-        draft.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise UserError(f"{file} cannot be written: {error.strerror}") from error
-        raise
+        replace_ordinary(file.resolve(), data)  # the target of a link is replaced, and the link stays
+    except OSError as error:
+        raise UserError(f"{file} cannot be written: {error.strerror}") from error

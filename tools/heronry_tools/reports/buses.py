@@ -1,6 +1,7 @@
 """The messages on the buses as text: one line a message, with its worst case, and the totals of each bus.
 
-The lines of the shipped specs fit a terminal of 80 columns; JSON has what they leave out: bytes, deadlines, slack.
+The lines of the shipped specs fit a terminal of 80 columns. The JSON form has the values that the lines leave out:
+bytes, deadlines, slack.
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,7 +71,7 @@ def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:
 
 
 def _worst(schedule: BusSchedule, message: ScheduledMessage) -> Cell:
-    """The longest time until it is received; with the deadline, where it may miss that."""
+    """The longest time until a message is received; also its deadline, if the message may miss it."""
     if schedule.bus.kind != "wired":
         return "-"
     if message.response_ns is None or message.slack_ns is None:

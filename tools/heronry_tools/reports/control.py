@@ -27,7 +27,7 @@ def graph_text(graph: Graph) -> str:
 
 
 def assessment_text(assessed: Assessment, missing: Sequence[str]) -> str:
-    """A assessment in words; `missing`: what is required and does not hold."""
+    """An assessment in words; `missing`: requirements that do not hold."""
     document = assessed.document
     lines = [f"{name.replace('_', ' ')}: {_truth(document[name])}" for name in PREDICATES]
     lines += [f"  {name} is no component: {', '.join(broken)}" for name, broken in document["broken"].items()]
@@ -43,6 +43,8 @@ def _paths(components: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     for name, facts in components.items():
         if "on_path" in facts:
             yield f"plant {name}: {'on a control path' if facts['on_path'] else 'open, on no control path'}"
+    if not any("on_path" in facts for facts in components.values()):
+        yield "no member is a plant, so no control path is asked for ('plants' of a spec, 'plant: true' in a graph)"
     looped = [name for name, facts in components.items() if facts["on_loop"]]
     yield f"on a loop: {_listed(looped) or 'none'}"
     for condition in ("controllable", "observable"):
@@ -66,7 +68,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def cut_text(mbit_per_s: int, sides: Mapping[str, Sequence[str]]) -> str:
-    """A cut in words: what crosses, and what is where."""
+    """A cut in words: the bandwidth that crosses it, and the leaves on each side."""
     lines = [f"at least {mbit_per_s // 1000}.{mbit_per_s % 1000:03} bit/s cross"]
     lines += [f"  {side}: {', '.join(leaves)}" for side, leaves in sides.items()]
     return "".join(f"{line}\n" for line in lines)
@@ -83,7 +85,7 @@ def errors_text(file: str, errors: Sequence[ScriptError]) -> str:
 
 
 def trial_text(statements: int, errors: int, violations: Sequence[str]) -> str:
-    """What became of a script, in a sentence, and why its result is not legal."""
+    """The result of a script in a sentence, and why the configuration that it gives is not legal."""
     if errors:
         return f"{statements} statements read, {errors} errors: nothing is done\n"
     illegal = "".join(f"not legal: {violation}\n" for violation in violations)

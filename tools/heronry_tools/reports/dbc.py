@@ -1,12 +1,12 @@
 """A DBC for one spec, with which cantools, SavvyCAN and other tools read the bus by name and unit.
 
 The DBC has data frames by variable and producer, with unit and CANaerospace header. Frames of the management, states,
-EMCY, heartbeats and output echoes come by field. The fields come from the tables that the codecs use
+EMCY, heartbeats and output echoes are described field by field. The fields come from the tables that the codecs use
 (`heronry_wire.management`, `heronry_wire.canaerospace`), so the DBC cannot differ from the codecs.
 
-Three things cannot be expressed in a DBC, so a field multiplexes the others: SLICE frames with index 0 have other
-fields than the rest (multiplexed by the index), a state frame is one of four pages (by the page), and an output echo is
-one of two kinds (by the type).
+A DBC cannot express frames whose fields vary, so in three cases one field multiplexes the others. SLICE with index 0
+has other fields than SLICE with any other index (multiplexed by the index). A state frame is one of four pages (by the
+page). An output echo is one of two kinds (by the type).
 """
 
 from collections import OrderedDict

@@ -1,7 +1,7 @@
 """The event stream on standard output, one JSON line each, flushed at once so that a pipe follows live.
 
-The flight does not depend on a reader of the stream. A line that cannot be written (a full disk, a reader that has
-ended) is dropped, one message on standard error reports that, and the next line is tried again.
+The flight does not depend on a reader of the stream. If a line cannot be written (a full disk, a reader that has
+ended), it is dropped, and one message on standard error reports that. The next line is tried again.
 """
 
 import sys

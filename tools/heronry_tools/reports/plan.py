@@ -1,6 +1,6 @@
 """A plan as text: functions, PEs and buses, and the transition to it from what runs.
 
-Its lines suit `grep`: one function, one module of a PE and one bus a line.
+The lines are suited to `grep`: one function, one module of a PE and one bus a line.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
 
 
 def _proof(plan: Plan) -> str:
-    """Give a line with the levels that are proven, for a plan that is not proven to be the best; else ""."""
+    """Give a line about the levels that are proven; empty for a plan that is proven to be the best."""
     if plan.optimal or all(one.bound is None for one in plan.levels):
         return ""
     proven = ", ".join(one.level for one in plan.levels if one.proven)

@@ -1,7 +1,7 @@
 """The story on a screen: in colour on a terminal (with rich), in plain lines anywhere else.
 
-Each event's first line begins with the time of day, the clock of the lines of all programs (`clock_of_day`); the story
-itself counts from the first configuration.
+Each event's first line begins with the time of day (`clock_of_day`), as the lines of all programs do. The times within
+the story count from the first configuration.
 """
 
 import sys

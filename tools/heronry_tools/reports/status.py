@@ -1,4 +1,4 @@
-"""The status of a manager (`heronry_manager.core.status`) as text: what is wrong first, then what runs."""
+"""The status of a manager (`heronry_manager.core.status`) as text: problems first, then what runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -90,10 +90,18 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
         held = pe["held_down_for_ns"]
         why = "" if pe["why"] is None else f": {pe['why']}"
         waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
-        runs = f"{pe['runs']} in epoch {pe['epoch']}" if pe["epoch"] is not None else pe["runs"]
+        runs = _runs(pe)
         late = _standstills(pe["standstills"])
         late = f"; its computer{late}" if late else ""
         yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}{late}"
+
+
+def _runs(pe: Mapping[str, Any]) -> str:
+    """Write what a PE runs; of one that is down it is what that PE said last, and may still say."""
+    if pe["epoch"] is None:
+        return str(pe["runs"])
+    runs = f"{pe['runs']} in epoch {pe['epoch']}"
+    return f"no plan uses it; it said last: {runs}" if pe["state"] == "down" else runs
 
 
 def _standstills(counts: Mapping[str, int] | None) -> str:

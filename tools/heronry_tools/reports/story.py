@@ -31,7 +31,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "module_restarted": ("{element} failed and is started again on {by} ({times})", "fault"),
-    "module_failed": ("{element} on {by}: {text}", "bad"),
+    "module_failed": ("why {element} failed on {by}: {text}", "bad"),
     "fault_reported": ("{element} has failed, reported by {by}", "fault"),
     "link_limited": ("the link {bus} has {share} of its bandwidth, reported by {by}", "fault"),
     "link_gone": ("the link {bus} is gone, reported by {by}", "fault"),
@@ -65,6 +65,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
         "a manager gives up its mastership: manager {node} is active with the higher term {term}",
         "plain",
     ),
+    "epoch_abandoned": ("epoch {epoch} is given up before it runs: {reason}", "quiet"),
     "adopted": ("epoch {epoch} runs already: the manager adopts it as it is", "good"),
     "unknown_epoch": ("this manager does not know the running epoch {epoch}, and gives no advice", "bad"),
 }
@@ -73,6 +74,9 @@ _PATHS: Mapping[str, str] = {  # by the state of a plant in control_paths
     "unseen": "open: no module runs on a sensor that sees it",
     "open": "open: nothing leads from a sensor that sees it to an actuator that moves it",
 }
+RUNS_KEPT = 5  # runs of the demo whose logs stay
+_WHILE_NS = 2_000_000_000
+_MOST_NAMES = 5  # of functions in one line
 _STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
 
@@ -99,6 +103,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -122,11 +127,7 @@ class Story:
             case "process":
                 yield from self._process(event)
             case "taken_over":
-                silent_ns = event["silent_ns"]
-                silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
-                killed_ns = self._manager_killed_ns
-                after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
-                yield Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
+                yield self._taken_over(event)
             case "pe_suspected" | "pe_answered" | "pe_lost":
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:
@@ -139,9 +140,9 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs":
+            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_new(event):
                 yield _TELLERS[kind](event)
-            case "outage" | "summary":
+            case "outage" | "outages" | "summary":
                 yield from self._witnessed(event)
             case _:
                 pass
@@ -160,12 +161,34 @@ class Story:
             case _:
                 pass
 
+    def _taken_over(self, event: Mapping[str, Any]) -> Line:
+        silent_ns, killed_ns = event["silent_ns"], self._manager_killed_ns
+        silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
+        after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
+        return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
+
+    def _is_new(self, event: Mapping[str, Any]) -> bool:
+        """Tell whether an event needs a line of its own, as all but some standstills do.
+
+        A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
+        last one of the same computer that was told, if that is a while ago, or if a PE was lost since: then the line
+        stands beside the loss, which may be its doing.
+        """
+        if event["event"] != "stood_still":
+            return True
+        told_ns, for_ns = self._standstills.get(event["by"], (-_WHILE_NS, 0))
+        is_news = event["for_ns"] > for_ns or event["t_ns"] - told_ns >= _WHILE_NS
+        if is_news:
+            self._standstills[event["by"]] = event["t_ns"], event["for_ns"]
+        return bool(is_news)
+
     def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for a suspected PE only when it is lost, since most suspected PEs answer."""
         pe = event["pe"]
         if event["event"] == "pe_lost":
             pinged = "missed a heartbeat, was sent PINGs, " if pe in self._suspects else ""
             yield Line(f"{pe} is lost: {pinged}{event['cause']}", "fault")
+            self._standstills.clear()
         self._suspects.discard(pe)
         if event["event"] == "pe_suspected":
             self._suspects.add(pe)
@@ -217,11 +240,19 @@ class Story:
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
 
     def _witnessed(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        yield from self._outage(event) if event["event"] == "outage" else self._summary(event)
+        match event["event"]:
+            case "outage":
+                yield from self._outage(event)
+            case "outages":
+                yield _outages(event)
+            case _:
+                yield from self._summary(event)
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """Give a line for an outage when it is over; for a long outage, also one while it lasts."""
         self._silences += 1
+        if event.get("gathered"):
+            return
         criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
         name = f"{event['function']} (class {criticality})"
         if event["to_ns"] is not None:
@@ -245,9 +276,26 @@ class Story:
             yield Line(f"two drivers at once: {rivals}", "bad")
 
 
+def _outages(event: Mapping[str, Any]) -> Line:
+    """Tell many outages that have begun, or ended, together."""
+    functions = event["functions"]
+    shown = ", ".join(functions[:_MOST_NAMES])
+    more = f" and {len(functions) - _MOST_NAMES} more" if len(functions) > _MOST_NAMES else ""
+    shortest_ms, longest_ms = event["shortest_ns"] / 1e6, event["longest_ns"] / 1e6
+    if event["over"]:
+        after = f"after {shortest_ms:.0f} to {longest_ms:.0f} ms of silence"
+        return Line(f"{len(functions)} functions are heard again on the bus, {after}: {shown}{more}")
+    return Line(f"{len(functions)} functions have not been heard for up to {longest_ms:.0f} ms: {shown}{more}", "bad")
+
+
+def _overtime(event: Mapping[str, Any]) -> Line:
+    return Line(f"the time is up; the demo waits, at most {event['at_most_s']:g} s, for {'; '.join(event['awaited'])}")
+
+
 def _logs(event: Mapping[str, Any]) -> Line:
-    stay = "the logs of this run stay in" if event["kept"] else "the logs of all processes are in"
-    return Line(f"{stay} {event['folder']}", "plain" if event["kept"] else "quiet")
+    if not event["kept"]:
+        return Line(f"the logs of all processes are in {event['folder']}", "quiet")
+    return Line(f"the logs of this run stay in {event['folder']}, until {RUNS_KEPT} later runs have kept theirs")
 
 
 def _heartbeat(event: Mapping[str, Any]) -> Line:
@@ -329,5 +377,6 @@ _TELLERS: Mapping[str, Callable[[Mapping[str, Any]], Line]] = {
     "advice": _advice,
     "heartbeat": _heartbeat,
     "logs": _logs,
+    "overtime": _overtime,
     "stood_still": _standstill,
 }

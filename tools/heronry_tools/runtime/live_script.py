@@ -1,7 +1,7 @@
-"""A script of component graphs, flown by a running manager: given to it, and followed until it holds or is refused.
+"""A script of component graphs for a running manager: this file gives it to the manager, and follows it to the end.
 
-The manager answers when it has understood the script. Then it has the best plan made, compares the two, and deploys the
-script; its status shows how far it is.
+The manager answers as soon as it has understood the script. Then it requests the best plan, compares the script's
+configuration with it, and deploys that configuration or refuses the script. Its status shows the progress.
 """
 
 import time
@@ -20,7 +20,7 @@ _LOOK_S = 0.1  # with each look the manager reads from the PEs, too
 
 
 def fly(path: Path, text: str, spec: Spec) -> Answer:
-    """Give a script to the manager on a socket; gives what became of it.
+    """Give a script to the manager on a socket; gives the result as a sentence.
 
     Raises ControlError if no manager answers, and UserError if the manager is one of another spec.
     """
@@ -41,7 +41,7 @@ def fly(path: Path, text: str, spec: Spec) -> Answer:
 
 
 def _outcome(status: dict[str, Any]) -> Answer | None:
-    """Tell what became of the last script; None: it is still on its way."""
+    """Give the result of the last script; None while it is still on its way."""
     script = status["script"]
     match script["state"]:
         case "held" if status["next"] is None and status["stage"] == Stage.DONE.value:

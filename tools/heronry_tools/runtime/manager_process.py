@@ -125,7 +125,7 @@ def _node(arguments: argparse.Namespace) -> int:
 
 
 def _has_solver() -> bool:
-    """Tell whether the solver is installed; if not, warn the user, since the planner's process has no terminal."""
+    """Tell whether the solver is installed; if not, warn the user here, since the planner's process has no terminal."""
     try:
         import_module("ortools")
     except ModuleNotFoundError:
@@ -141,7 +141,7 @@ def _say(sentence: str) -> None:
 
 
 def default_state_dir(spec_name: str) -> Path:
-    """Folder for what must outlive a restart: below XDG_STATE_HOME, one per spec."""
+    """Folder for files that must outlive a restart: below XDG_STATE_HOME, one per spec."""
     home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(home) / "heronry" / spec_name
 

@@ -1,25 +1,32 @@
-"""Runs one module without a bus: built, and stepped some times with the same inputs, as its partition would.
+"""Runs one module without a bus: builds it, and steps it some times with the same inputs, as its partition would.
 
 The code is that of a partition (`heronry_agent.shell.module_runner`), in this process. Time is the module's own: each
-step is one period after the one before, however long it takes here. What a partition would refuse to send is a failure.
+step is one period after the one before, however long it takes here. A value that a partition would refuse to send
+counts as a failure, and so does code that has not ended after a limit of time: an agent kills the partition of a module
+that hangs.
 """
 
+import signal
 import sys
 import time
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from heronry_agent.core.vocabulary import Failure
 from heronry_agent.module import Datum, Value
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
-from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
+from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result, is_foreign
 from heronry_agent.shell.partition_messages import Done, Uncarriable, encode_answer
 from heronry_wire.sansio import NEVER_NS
 
 _MODULE = 0
 _NS_PER_S = 1_000_000_000
+_AGAIN_S = 0.5  # code that catches everything is ended again
 
 
 @dataclass(slots=True)
@@ -70,14 +77,55 @@ def expect_there(image: str) -> None:
         return
 
 
-def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> Trial:
-    """Build a module and step it; one that ends its process has failed, as on a PE."""
+def try_module(orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int, limit_s: float) -> Trial:
+    """Build a module and step it; one that ends its process, or takes longer than the limit, has failed, as on a PE.
+
+    Raises UnknownImageError where there is no such code.
+    """
     trial = Trial()
     try:
-        _try(trial, orders, inputs, reading, steps)
+        with _limited(limit_s):
+            expect_there(orders.image)
+            _try(trial, orders, inputs, reading, steps)
+    except _TooLongError as hung:
+        trial.failure = Failure(f"it has not ended after {limit_s:g} s ({hung.place})", hung.stack)
     except SystemExit as end:
         trial.failure = Failure(f"SystemExit({end.code!r}): on a PE this ends the process, with all modules in it")
     return trial
+
+
+class _TooLongError(BaseException):  # an Exception would be taken for one of the module's own
+    """The code of the module has not ended in time; `place` and `stack` say where it was then."""
+
+    def __init__(self, frame: FrameType | None) -> None:
+        super().__init__()
+        self.place, self.stack = "", ""
+        if frame is not None:
+            self.place = f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"
+            self.stack = "".join(["Stack (most recent call last):\n", *traceback.format_list(_own_frames(frame))])
+
+
+def _own_frames(frame: FrameType) -> list[traceback.FrameSummary]:
+    """Give the frames of the module's code, from the one that was called on."""
+    frames = traceback.extract_stack(frame)
+    called = max((at for at, one in enumerate(frames) if not is_foreign(one.filename)), default=-1)
+    return frames[called + 1 :]
+
+
+@contextmanager
+def _limited(limit_s: float) -> Iterator[None]:
+    """Raise _TooLongError in the block after this time, and again where the block catches it."""
+
+    def end(_number: int, frame: FrameType | None) -> None:
+        raise _TooLongError(frame)
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, limit_s, _AGAIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Value | None, steps: int) -> None:
@@ -97,7 +145,7 @@ def _try(trial: Trial, orders: Orders, inputs: Mapping[str, Value], reading: Val
 
 
 def read_value(text: str) -> Value:
-    """Read a value as a module gets it: a whole number, a number, whole numbers with commas between, or else a text."""
+    """Read a value as a module gets it: a whole number, a number, a list of whole numbers with commas, or a text."""
     for kind in (int, float):
         try:
             return kind(text)

@@ -1,12 +1,12 @@
 """How late this computer lets processes run under its present load, and what heartbeat period that allows.
 
-A short rehearsal: as many processes as are to fly, each of which wakes on a grid, computes for a moment, and notes how
-late it was with that, less its own processor time. One process that only sleeps would see nothing: the kernel lets it
-run at once, while a fleet of them waits for each other.
+The measurement is a short rehearsal with as many processes as will fly. Each process wakes on a grid, computes for a
+moment, and notes how late it ended, less its own processor time. One process that only sleeps would show nothing: the
+kernel lets it run at once, while many processes wait for each other.
 
-A node that is late by L sends its state L late, so others hear nothing for its period P and L. They call it lost after
-3 1/4 P of silence, so P must be more than L / 2 1/4. P = 2 L leaves four times that, for what a short rehearsal has not
-seen.
+A node that is late by L sends its state L late, so others hear nothing from it for its period P and L. They call it
+lost after 3 1/4 P of silence, so P must be more than L / 2 1/4. With P = 2 L the node may become more than four times
+as late as in the rehearsal, which is short and may not show the worst case.
 """
 
 import os
@@ -45,7 +45,10 @@ def latest_wake_up_ns(processes: int, seconds: float, niceness: int = 0) -> int:
 
 
 def kept_heartbeat_ns(late_ns: int) -> int:
-    """Heartbeat period that a node keeps which is up to `late_ns` late: the usual one, doubled as often as needed."""
+    """Heartbeat period that a node can keep if it is up to `late_ns` late.
+
+    It is the usual period, doubled as often as needed.
+    """
     period_ns = USUAL_HEARTBEAT_NS
     while period_ns < 2 * late_ns and period_ns < LONGEST_HEARTBEAT_NS:
         period_ns *= 2

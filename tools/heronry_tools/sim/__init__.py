@@ -1,1 +1,1 @@
-"""The simulator: the flight cores, unchanged, on simulated buses in virtual time, everything drawn from one seed."""
+"""The simulator: the flight cores, unchanged, on simulated buses in virtual time; one seed determines a flight."""

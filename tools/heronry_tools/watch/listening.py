@@ -153,5 +153,5 @@ class Listening:
 
 
 def _outage(t_ns: int, outage: Outage) -> Event:
-    silence = {"function": outage.function, "from_ns": outage.from_ns, "to_ns": outage.to_ns}
+    silence = {"function": outage.function, "from_ns": outage.from_ns, "to_ns": outage.to_ns, "gathered": False}
     return {"v": 1, "t_ns": t_ns, "event": "outage", **silence}

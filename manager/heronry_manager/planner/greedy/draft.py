@@ -1,12 +1,13 @@
 """A configuration in the making, in which every change can be undone.
 
-Which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every capacity:
-plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a mark. So the cost of
-a try depends only on the changes that it makes.
+A draft holds which modules run (in which mode, on which PE), which producer feeds each leaf, and what is left of every
+capacity. All are plain lists of integers, changed in place. Each change is written to a trail; `undo` goes back to a
+mark. So the cost of a try depends only on the changes that it makes.
 
-A draft always keeps the rules of docs/semantics.md on capacities, placement and DEMUX exclusion (semantics rules 1, 4,
-7, 8), and on wires: each joins a running producer, in a mode that the leaf accepts, to a running consumer (semantics
-rule 2). The caller of `start` must wire the needs of the module (semantics rule 3); `sweep` restores semantics rule 5.
+A draft always satisfies the rules of docs/semantics.md on capacities, placement and DEMUX exclusion (semantics rules 1,
+4, 7, 8), and on wires: each wire joins a running producer, in a mode that the leaf accepts, to a running consumer
+(semantics rule 2). The caller of `start` must wire the needs of the module (semantics rule 3); `sweep` restores
+semantics rule 5.
 """
 
 from collections.abc import Callable

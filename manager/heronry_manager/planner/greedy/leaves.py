@@ -63,7 +63,10 @@ class _Numberer:
                 assert_never(gate)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
-        """Number a leaf, and list the modes that may feed it. A module may feed itself only from the same mode."""
+        """Number a leaf, and list the modes that may feed it.
+
+        A module may feed its own leaf only from the same mode.
+        """
         numbers, leaves, number = self._numbers, self.leaves, len(self.leaves.mode)
         leaves.mode.append(mode)
         leaves.module.append(numbers.module_of[mode])

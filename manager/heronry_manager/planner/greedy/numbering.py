@@ -1,13 +1,13 @@
-"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order; modes through all modules.
+"""Modules, modes, PEs, buses and variables of a spec as numbers from 0, in the spec's order.
 
-A set of modules, modes or PEs is an integer with their bits.
+Modes are numbered from 0 through all modules. A set of modules, modes or PEs is an integer with one bit for each.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from heronry_dg.model import Bus, Mode, Module, Pe, Spec
-from heronry_dg.situation import elements
+from heronry_dg.situation import elements, places
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,11 @@ def numbered(spec: Spec) -> Numbering:
 
 
 def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
-    """Give the kind and number of every element that can be down; a channel has the number of its bus."""
+    """Give the kind and number of every element that can be down.
+
+    A channel has the number of its bus. The number of a place is that of its module times the number of PEs, plus that
+    of its PE.
+    """
     of_kind: dict[str, Mapping[str, int]] = {
         "pe": numbers.pe_number,
         "module": numbers.module_number,
@@ -67,4 +71,7 @@ def element_numbers(numbers: Numbering) -> dict[str, tuple[str, int]]:
         kind, _, name = element.partition(":")
         number = numbers.bus_number[name.rpartition(".")[0]] if kind == "channel" else of_kind[kind][name]
         found[element] = (kind, number)
+    for module, first in numbers.module_number.items():
+        for place in places(numbers.spec, module):
+            found[place] = ("place", first * len(numbers.pes) + numbers.pe_number[place.partition("@")[2]])
     return found

@@ -1,6 +1,6 @@
 """The orders in which gates and givers are tried: by worth, and by price. Ties stay in the spec's order.
 
-The *price* of a mode is a guess at the CPU that running it takes, its cheapest producers included. The price only
+The *price* of a mode is an estimate of the CPU that it takes together with its cheapest producers. The price only
 orders alternatives. A *giver* of a leaf is a mode that may feed it.
 """
 
@@ -19,7 +19,7 @@ Giver = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """Needs, and the modes that may feed them, in the order in which they are tried."""
+    """The needs of modes, and the modes that may feed them, in the order in which they are tried."""
 
     price: list[int]  # by mode
     needs: list[Node | None]  # by mode

@@ -2,13 +2,13 @@
 
 *Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
 
-*Pack*: put the chosen modules on the real PEs, without wires: modules with only one host first, then the largest first,
-each on the PE with the least room left. The size of a module weights its share of each resource by the demand for that
-resource. Modules that do not fit go to the front of the order, and all are packed anew, a few times over; the packing
-that places the most modules is used.
+*Pack*: put the chosen modules on the real PEs, without wires. Modules with only one host come first, then the largest
+first, each on the PE with the least room left. The size of a module weights its share of each resource by the demand
+for that resource. Modules that do not fit go to the front of the order, and all are packed anew, a few times over; the
+packing that places the most modules is used.
 
-The first answer packs all of these functions together. A second answer takes them one after the other, the most
-important first, and keeps a function if all modules chosen so far can be packed.
+There are two answers. The first packs all of these functions together. The second takes them one after the other, the
+most important first, and keeps a function if all modules chosen so far can be packed.
 
 An answer says where modules should run, and nothing about wires. It takes the place of the running configuration, and a
 repair (`repairing`) makes a configuration of it.
@@ -102,7 +102,7 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
         return sum((needed * scarce for needed, scarce in zip(needs[mode], scarcity, strict=True)), 0.0)
 
     def is_free(mode: int) -> bool:
-        return (tables.sizes.hosts[mode] & scene.pes).bit_count() > 1
+        return (scene.hosts[mode] & scene.pes).bit_count() > 1
 
     return sorted(modes, key=lambda mode: (is_free(mode), -size(mode)))
 

@@ -1,4 +1,4 @@
-"""Rules between modules: which must run on different PEs, which on one PE, and which are branches of one DEMUX."""
+"""Rules between modules: which must run on different PEs, which on one PE, and which are rivals at a DEMUX."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ class PlacementRules:
 
     separate: list[int]
     together: list[int]
-    rivals: list[int]  # other branches of the same DEMUX
-    demuxes: list[list[int]]  # branches of each DEMUX, in order
+    rivals: list[int]  # other branches, or other ends, of the same DEMUX
+    demuxes: list[list[int]]  # ends of each DEMUX, in order
 
 
 def placement_rules(numbers: Numbering) -> PlacementRules:
     """Read the rules from the spec."""
     spec, number = numbers.spec, numbers.module_number
-    demuxes = [demux.branches for demux in spec.demuxes.values()]
+    demuxes = spec.demuxes.values()
     return PlacementRules(
         separate=_others(numbers, spec.separate),
         together=_others(numbers, spec.together),
-        rivals=_others(numbers, demuxes),
-        demuxes=[[number[name] for name in branches] for branches in demuxes],
+        rivals=_others(numbers, [group for demux in demuxes for group in demux.exclusives.values()]),
+        demuxes=[[number[name] for name in demux.ends] for demux in demuxes],
     )
 
 

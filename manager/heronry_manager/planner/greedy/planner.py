@@ -69,16 +69,16 @@ def _closed(spec: Spec, phase: str | None) -> frozenset[tuple[str, str, str]]:
 
 
 class _Prepared:
-    """The greedy planner of the phases that have the same inputs open."""
+    """The greedy planner of all phases in which the same inputs are open."""
 
     def __init__(self, spec: Spec) -> None:
-        """`spec`: with the other inputs closed."""
+        """spec: the spec in which all other inputs are closed."""
         self._tables = tables_of(spec)
         self._scenery = Scenery(self._tables)
         self._punctuality = Punctuality(self._tables)
 
     def plan(self, now: Situation, running: Placement | None) -> Plan:
-        """Do what `Greedy.plan` does, in one of these phases."""
+        """Do what `Greedy.plan` does, in one of the phases that have the same inputs open."""
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now)
         repair = self._repaired(wanted, scene, self._before(scene, running or {}))
@@ -95,7 +95,7 @@ class _Prepared:
         return before
 
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
-        """Find a draft that meets its deadlines; check each message on its own only if some would be late."""
+        """Find a draft that meets its deadlines; check each message on its own only if some message would be late."""
         repair = self._best(wanted, scene, before, None)
         if not self._punctuality.are_met(repair.draft):
             repair = self._best(wanted, scene, before, self._punctuality)

@@ -1,10 +1,11 @@
 """Deadlines (semantics rule 9) for the greedy planner: bounds that cost microseconds, and the exact analysis.
 
-The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may. So its recurrence
+The exact response-time analysis of `heronry_dg.response_times` takes longer than a greedy plan may take. So this file
+only bounds its recurrence
 
     w = B + sum of ceil((w + J + tau) / T) C        over all messages on the bus that are more urgent
 
-is only bounded. First in closed form, with (w + J + tau) / T + 1 in place of the round-up:
+First it bounds w in closed form, with (w + J + tau) / T + 1 in place of the round-up:
 
     w = (B + sum of C (1 + (J + tau) / T)) / (1 - sum of C / T)
 
@@ -15,8 +16,8 @@ instance alone is also a lower bound of the exact one. Sources are checked in th
 its route, so that every jitter is known when it is needed; a response time that becomes a jitter is always iterated.
 
 The bounds are floating-point numbers, rounded to the safe side, and a jitter counts only if rounding does not change
-it. Between the bounds the exact analysis decides; its verdicts are remembered. So this check accepts exactly the drafts
-that the verifier accepts, whatever the rounding.
+it. Where the bounds do not decide, the exact analysis does; its verdicts are remembered. So this check accepts exactly
+the drafts that the verifier accepts, whatever the rounding.
 """
 
 from math import ceil
@@ -64,7 +65,7 @@ class _Level:
     def delay(self, most_ns: float, rounding: float) -> float:
         """Iterate the recurrence until it does not change, or is beyond `most_ns`; return the delay in ns.
 
-        The iteration starts from the value without round-ups, which is less, and saves most of the steps.
+        The iteration starts from the value without round-ups, which is less than the result; this saves most steps.
         """
         before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
         while before < delay <= most_ns:
@@ -127,7 +128,7 @@ class Punctuality:
         return level
 
     def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
-        """Return the verdict as far as the bounds go; None: they do not decide.
+        """Return the verdict as far as the bounds give one; None: the bounds do not decide.
 
         since: an identifier; all messages that are more urgent are known to be in time.
         """
@@ -146,7 +147,7 @@ class Punctuality:
         return True
 
     def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
-        """Bound the response times of a source along its route, and add its load to that above the next sources."""
+        """Bound the response times of a source along its route, and add its load for the sources after it."""
         steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
             buses.sort(key=lambda bus: steps[bus][0])
@@ -164,7 +165,10 @@ class Punctuality:
     def _response(
         self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
     ) -> float | None:
-        """Bound one response time (ns), exactly if it becomes a jitter; 0: too long, None: the bounds do not decide."""
+        """Bound one response time (ns), exactly if it becomes a jitter.
+
+        0: it is too long, None: the bounds do not decide.
+        """
         if level.load > _FULL:
             return None
         period, given = self._period_ns[draft.mode[source[0]]], self._deadline_ns[source[1]]
@@ -213,5 +217,5 @@ class Punctuality:
 
 
 def _steps(routes: list[tuple[int, ...]]) -> dict[int, tuple[int, int]]:
-    """Return for each bus on a way from one PE: the number of buses before it, and the last of those (-1: none)."""
+    """Return for each bus on a route from one PE: the number of buses before it, and the last of these (-1: none)."""
     return {bus: (depth, route[depth - 1] if depth else -1) for route in routes for depth, bus in enumerate(route)}

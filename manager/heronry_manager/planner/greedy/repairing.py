@@ -30,7 +30,7 @@ class Repair:
     """One draft for one situation."""
 
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
-        """Start with no module; `before`: where each module ran, or where a packing wants it."""
+        """Start with no module. before: where each module ran, or where a packing wants it to run."""
         self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
         self._tables, self._wanted, self._scene = tables, wanted, scene
@@ -113,7 +113,10 @@ class Repair:
         return False
 
     def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
-        """Return the other served functions, and whether each matters less; first those on PEs where room is short."""
+        """Return the other served functions, each with whether it matters less than `goal`.
+
+        Functions on PEs where room is short come first.
+        """
         goals, short = self._wanted.goals, self._server.short
         number = goals.index(goal)
         served = [(other, at) for at, other in enumerate(goals) if at != number and self._server.is_served(other)]
@@ -154,7 +157,7 @@ class Repair:
         return False
 
     def _shrink(self, pes: int) -> None:
-        """Put modules on these PEs into the cheapest modes that lower no function's value."""
+        """Put modules on these PEs into their cheapest modes, as far as no function loses value."""
         weight, size = self._wanted.weight, self._tables.sizes.size
         for module, mode in enumerate(self.draft.mode):
             if mode >= 0 and pes >> self.draft.pe[module] & 1:

@@ -56,10 +56,7 @@ def _objective(
         inputs=sum(tables.leaves.worth[leaf][modes[by]] for leaf, by in enumerate(draft.feeder) if by >= 0),
         changes=changes({name: (one.mode, one.pe) for name, one in configuration.modules.items()}, running),
         branches=sum(
-            position
-            for branches in tables.rules.demuxes
-            for position, module in enumerate(branches)
-            if modes[module] >= 0
+            position for ends in tables.rules.demuxes for position, module in enumerate(ends) if modes[module] >= 0
         ),
         bus_mbit_per_s=sum(_loads(draft, tables)),
         cpu_millis=sum(tables.sizes.cpu[mode] for mode in modes if mode >= 0),

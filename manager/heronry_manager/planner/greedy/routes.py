@@ -1,4 +1,4 @@
-"""Buses: the routes between PEs, the elements on the way from the manager to a PE, and the load of a variable."""
+"""Buses: the routes between PEs, the elements on the route from the manager to a PE, and the load of a variable."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from heronry_manager.planner.greedy.numbering import Numbering
 
 @dataclass(frozen=True, slots=True)
 class Routes:
-    """Routes and loads. Bits of `way`: PEs from 0, buses from `first_bus`; bit `never`: no way leads to the PE."""
+    """Routes and loads. Bits of `way`: PEs from 0, buses from `first_bus`; bit `never`: no route leads to the PE."""
 
     route: list[list[tuple[int, ...]]]  # from one PE to another one: the buses between them
     way: list[int]  # by PE: set of the PEs and buses on the way from the manager to it

@@ -4,8 +4,8 @@ A scene has the facts of `heronry_dg.situation.survivors` and `planner.candidate
 time: only the consequences of the down elements are worked out. The buses form a forest, so between two PEs that the
 manager can command there is always the same route: routes never depend on faults.
 
-A mode is *possible* when its module works and has a PE that is up and could carry it, and its needs could hold, were
-every other possible mode running.
+A mode is *possible* under three conditions. Its module works. The module has a PE that is up and could carry the mode.
+The needs of the mode could hold if every other possible mode ran.
 """
 
 from collections.abc import Mapping
@@ -24,6 +24,7 @@ class Scene:
     """The part of a spec that a situation leaves."""
 
     pes: int  # set of PEs that are up and can be commanded
+    hosts: list[int]  # by mode: set of PEs that could carry it, up or not, without places that are down
     cpu: list[int]  # by PE, thousandths
     bus_room: list[int]  # by bus: thousandths of a bit/s for data
     possible: int  # set of modes
@@ -52,7 +53,7 @@ class Scenery:
         """Compute the scene of a situation."""
         tables = self._tables
         down, modules = self._down(now)
-        pes = self._pes
+        pes, hosts = self._pes, self._hosts(now)
         if down:
             pes = sum(1 << number for number, way in enumerate(tables.routes.way) if not way & down)
         cpu, bus_room = self._cpu, self._bus_room
@@ -62,9 +63,20 @@ class Scenery:
         for number, modes in enumerate(self._modes_of_module):
             if modules >> number & 1:
                 gone |= modes
-        if pes != self._pes or now.limits:
-            gone |= self._homeless(pes, cpu, limited=bool(now.limits))
-        return Scene(pes, cpu, bus_room, self._without(gone & self._possible))
+        if pes != self._pes or now.limits or hosts is not tables.sizes.hosts:
+            gone |= self._homeless(hosts, pes, cpu, limited=bool(now.limits))
+        return Scene(pes, hosts, cpu, bus_room, self._without(gone & self._possible))
+
+    def _hosts(self, now: Situation) -> list[int]:
+        """Return the PEs that could carry each mode, without the places that are down."""
+        hosts, pes = self._tables.sizes.hosts, len(self._cpu)
+        lost = [number for kind, number in map(self._elements.__getitem__, now.down) if kind == "place"]
+        if lost:
+            hosts = hosts.copy()
+        for module, pe in (divmod(number, pes) for number in lost):
+            for mode in self._tables.numbers.modes_of[module]:
+                hosts[mode] &= ~(1 << pe)
+        return hosts
 
     def _down(self, now: Situation) -> tuple[int, int]:
         """Return the PEs and buses that are down (bits as in `Routes.way`), and the modules that cannot run."""
@@ -81,7 +93,7 @@ class Scenery:
                     modules |= 1 << number
                 case "device":
                     modules |= self._modules_of_device[number]
-                case _:
+                case "channel":
                     channels[number] = channels.get(number, 0) + 1
         for bus, lost in channels.items():
             if lost == tables.numbers.buses[bus].channels:
@@ -98,11 +110,11 @@ class Scenery:
                 bus_room[number] = int(self._bus_share[number] * share)
         return cpu, bus_room
 
-    def _homeless(self, pes: int, cpu: list[int], *, limited: bool) -> int:
+    def _homeless(self, hosts: list[int], pes: int, cpu: list[int], *, limited: bool) -> int:
         """Return the modes that no PE could carry."""
         tables, homeless = self._tables, 0
-        for mode, hosts in enumerate(tables.sizes.hosts):
-            left = hosts & pes
+        for mode, carriers in enumerate(hosts):
+            left = carriers & pes
             if not left or (
                 limited and not any(left >> pe & 1 and tables.sizes.cpu[mode] <= room for pe, room in enumerate(cpu))
             ):
@@ -120,7 +132,7 @@ class Scenery:
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
-        """Remove modes whose needs cannot hold, until none is left; `touched`: the modes to check first."""
+        """Remove modes whose needs cannot hold, until no such mode is left; `touched`: the modes to check first."""
         orders = self._tables.orders
         while touched:
             low = touched & -touched

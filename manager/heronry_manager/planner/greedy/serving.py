@@ -5,10 +5,10 @@ possible; else a producer is started: first one that ran before, then the cheape
 unsuitable mode is put into a suitable one, if all modules that read from it accept that (`switch`). If no PE has room
 for a module, other modules are moved away from one PE, as long as they fit elsewhere (`_clear`).
 
-A function here that returns False has left the draft as it was; only `hold` may not. A module whose inputs are being
-wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it is. Counts of tries
-limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and is the
-same on every machine.
+A function here that returns False has left the draft as it was, with one exception: `hold`. A module whose inputs are
+being wired is *busy*: it counts as running, so that its own outputs may feed it, and its mode stays as it is. Counts of
+tries limit the work (`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and
+is the same on every machine.
 
 *Adopting* serves in the same way, but starts only modules that ran before, in their old modes and places.
 """
@@ -103,13 +103,13 @@ class Server:
         return False
 
     def _there(self, module: int, mode: int, pe: int) -> Iterator[int]:
-        if self._tables.sizes.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
+        if self._scene.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
-        """Yield PEs on which a mode fits: the module's old PE, then the emptiest first, then one that was cleared."""
+        """Yield PEs on which a mode fits: the module's old PE, then the emptiest first, then a PE cleared for it."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
-        hosts = self._tables.sizes.hosts[mode] & self._scene.pes
+        hosts = self._scene.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
             yield home
         if self.adopting:
@@ -127,7 +127,7 @@ class Server:
                 yield cleared
 
     def _clear(self, module: int, mode: int, pe: int) -> bool:
-        """Move modules away from a PE until a mode fits there: the smallest that is enough, or else the largest."""
+        """Move modules away from a PE until a mode fits there: the smallest one that is enough, or else the largest."""
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
@@ -155,14 +155,15 @@ class Server:
     def _move_away(self, module: int, pe: int) -> bool:
         self._budget -= 1
         draft, mode = self.draft, self.draft.mode[module]
-        hosts = self._tables.sizes.hosts[mode] & self._scene.pes & ~(1 << pe)
+        hosts = self._scene.hosts[mode] & self._scene.pes & ~(1 << pe)
         cpu, need = draft.cpu, self._tables.sizes.cpu[mode]
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
-        """Put a running module into another mode, if all modules that read from it accept that; tell whether it is.
+        """Put a running module into another mode; tell whether this was done.
 
-        may_worsen: also if a function loses value by that.
+        It is done only if all modules that read from the module accept the mode. may_worsen: also if a function loses
+        value.
         """
         draft, tables, weight = self.draft, self._tables, self._wanted.weight
         old, pe = draft.mode[module], draft.pe[module]
@@ -187,7 +188,7 @@ class Server:
         return False
 
     def _feed_again(self, leaf: int, producer: int) -> bool:
-        """Wire a leaf to its old producer, unless its module was put into another mode meanwhile."""
+        """Wire a leaf to its old producer, unless the producer's mode was changed meanwhile."""
         draft, tables = self.draft, self._tables
         consumer = tables.leaves.module[leaf]
         return draft.mode[consumer] == tables.leaves.mode[leaf] and draft.wire(leaf, consumer, producer)
@@ -216,7 +217,7 @@ class Server:
         return len(held) == number
 
     def _held(self, inputs: Iterable[Node], most: int, consumer: int, *, may_start: bool) -> list[Node]:
-        """Make inputs of a gate hold, one after the other, until `most` of them do; return those."""
+        """Make inputs of a gate hold, one after the other, until `most` of them do; return these inputs."""
         held: list[Node] = []
         for one in inputs:
             if len(held) == most:

@@ -85,7 +85,7 @@ class _Appraiser:
         return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
 
     def utility(self, function: Function, mode: int) -> int:
-        """Give the points that a mode adds to level 2 by serving a function; 0: it serves it not."""
+        """Give the points that a mode adds to level 2 by serving a function; 0: the mode does not serve it."""
         numbers, module = self._numbers, self._numbers.module_of[mode]
         if numbers.modules[module].name not in function.outputs:
             return 0
@@ -100,7 +100,10 @@ def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
 
 
 def _class_weights(goals: Sequence[Goal]) -> list[int]:
-    """Give weights of the classes A to E, such that the weighted priorities compare as level 1 does; E has weight 0."""
+    """Give weights of the classes A to E; E has weight 0.
+
+    With these weights the sums of priorities compare as level 1 does.
+    """
     weights = [0] * len(CRITICALITIES)
     weight = 1
     for rank in reversed(range(len(CRITICAL_CLASSES))):

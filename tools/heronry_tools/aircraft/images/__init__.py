@@ -6,7 +6,7 @@ other packages, by an entry point (`heronry.images` in pyproject.toml), and impo
 
 Images use `heronry_agent.module` alone. They read no clock and no random source: a step's context has its time, and the
 same inputs give the same outputs. Any input may be absent in any step, above all in the first steps. Each image
-documents what it does then, and what it loses at a restart.
+documents its behaviour in that case, and what it loses at a restart.
 """
 
 from collections.abc import Mapping
@@ -48,6 +48,9 @@ CATALOGUE: Mapping[str, str] = {
         chute_driver="ChuteCharge",
         elevator_servo="ReportingElevatorServo",
         inflation_driver="InflationValve",
+        limited_servo_1="LimitedElevatorServo1",
+        limited_servo_2="LimitedElevatorServo2",
+        limited_servo_3="LimitedElevatorServo3",
         rudder_servo="RudderServo",
         servo_driver_1="ElevatorServo",
         servo_driver_2="ElevatorServo",
@@ -72,6 +75,9 @@ CATALOGUE: Mapping[str, str] = {
         comparator_safer="PitchSafer",
         elevator_follows="ElevatorFollows",
         elevator_limiter="ElevatorLimiter",
+        elevator_limiter_1="ElevatorLimiter1",
+        elevator_limiter_2="ElevatorLimiter2",
+        elevator_limiter_3="ElevatorLimiter3",
         pitch_versions="PitchVersions",
         pressure_fail_over="PressureFailOver",
         pressure_majority="PressureMajority",

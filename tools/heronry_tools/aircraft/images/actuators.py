@@ -1,14 +1,14 @@
 """Device drivers of the actuators: they limit each demand, and hold the output, or make it safe, without a demand.
 
-What they decide: the value that is written to the device in each period.
+A driver decides which value is written to the device in each period:
 
 - A surface moves no further than its stops and no faster than its servo. Without a demand it stays at its last command:
   an elevator that went to neutral at every lost frame would be worse than one that stays.
 - A charge or a burn wire cannot be undone. It fires after two demands in a row, and then stays fired.
 - A gas valve closes without a demand: the gas stays in the wings and in the bottle.
 
-A restart: a servo waits for the first demand, since the surface may be anywhere; a charge that is still demanded is
-fired again, which does no harm.
+After a restart, a servo waits for the first demand, since the surface may be anywhere. A charge that is still demanded
+is fired again, which does no harm.
 """
 
 from collections.abc import Mapping
@@ -62,6 +62,24 @@ class ReportingElevatorServo(ElevatorServo):
     """
 
     echo = "elevator_servo_command"
+
+
+class LimitedElevatorServo1(SurfaceServo):
+    """An elevator servo at the end of the first of three paths, which limits its demand."""
+
+    demand = "servo_demand_1"
+
+
+class LimitedElevatorServo2(SurfaceServo):
+    """The servo at the end of the second path."""
+
+    demand = "servo_demand_2"
+
+
+class LimitedElevatorServo3(SurfaceServo):
+    """The servo at the end of the third path."""
+
+    demand = "servo_demand_3"
 
 
 class RudderServo(SurfaceServo):

@@ -2,9 +2,9 @@
 
 The voter publishes the middle of three pressures, so one wrong sensor never determines the output. It reports a sensor
 that has differed from the middle for a second without a break, and repeats the report each second (the operator may
-have cleared it). It does so only with all three pressures: if two differ, either may be wrong. It compares nothing in
-its first second, in which some data may be old. The names in the spec tell it the sensor of a variable: `pressure_2` is
-measured by `device:pressure_sensor_2`.
+have cleared it). It reports a sensor only with all three pressures: if two differ, either may be wrong. It compares
+nothing in its first second, in which some data may be old. The name of a variable in the spec shows its sensor:
+`pressure_2` is measured by `device:pressure_sensor_2`.
 
 At a restart the voter begins the second anew, and forgets which of two pressures was nearer to the middle.
 """

@@ -1,9 +1,9 @@
 """Altitude in three versions: GPS and pressure fused, GPS alone, pressure alone (the paper's Figure 3).
 
-Fusion. Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor, and
-the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow low-pass
-filter learns the offset between the two, and the offset is added to the pressure altitude. That divides the noise of
-the GPS, and removes the error of the barometer.
+*Fusion.* Pressure altitude has little noise and no delay, but an offset that changes slowly: the error of the sensor,
+and the difference of the day from the standard atmosphere. GPS height is right on average, but noisy. So a slow
+low-pass filter learns the offset between the two, and the offset is added to the pressure altitude. The result has
+little of the noise of the GPS, and not the error of the barometer.
 
 GPS alone is filtered together with its rate (an alpha-beta filter), because a plain average lags behind in a climb.
 

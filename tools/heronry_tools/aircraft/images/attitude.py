@@ -2,14 +2,14 @@
 
 Gyros react at once, but drift. Accelerometers show gravity on average, but are noisy. The complementary filter turns
 the angle by the gyros, and corrects it slowly towards the angle of the accelerometers. Without accelerometers it
-corrects towards the best glide with level wings, in which a glider flies most of the time: that bounds the drift, but
-in a long turn the angle is lost. The horizon sensor does not drift, but is coarse.
+corrects towards the best glide with level wings, in which a glider flies most of the time. That bounds the drift, but
+in a long turn the angle is wrong. The horizon sensor does not drift, but is coarse.
 
-Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive; a nose that points
-up feels gravity forward, a right wing that is low feels it to the left.
+Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive. When the nose
+points up, gravity is measured as a forward acceleration; when the right wing is low, as an acceleration to the left.
 
-A restart: the fused filter starts from the accelerometers. Gyros alone start from the best glide, and lose that error
-only slowly; so this version is the worse one.
+After a restart the fused filter starts from the accelerometers. Gyros alone start from the best glide, and this error
+decreases only slowly; so this version is the worse one.
 """
 
 import math

@@ -4,9 +4,9 @@ Signs are CANaerospace's. An elevator that goes down (positive) lowers the nose,
 positive deflection. A rudder that swings clockwise (positive) yaws to the right, and by their dihedral the wings then
 roll to the right: an inflatable wing has no ailerons.
 
-What they decide: the demand, limited to the range of the surface. Without a command a loop flies the best glide with
-level wings. A command beyond the limits is limited, whatever its source. Without an attitude nothing is published, and
-the servo stays where it is.
+A loop gives the demand, limited to the range of the surface. Without a command it flies the best glide with level
+wings. A command beyond the limits is limited, whatever its source. Without an attitude nothing is published, and the
+servo stays where it is.
 
 A restart loses the integral: the surface moves by at most the trim that was learned.
 """
@@ -55,9 +55,10 @@ class Pid:
 
 
 class PitchControl(Module):
-    """Elevator from pitch; in mode `scheduled` the gain falls with speed, as a surface acts with the speed's square.
+    """Elevator from pitch; in mode `scheduled` the gain falls with speed.
 
-    Without flow, on the balloon's line, a surface has no effect, so no trim is learned.
+    The effect of a surface grows with the square of the speed. Without flow, on the balloon's line, a surface has no
+    effect, so no trim is learned.
     """
 
     def __init__(self, ctx: Context) -> None:
@@ -104,9 +105,9 @@ class RollControl(Module):
 
 
 class StateEstimator(Module):
-    """A stand-in for the state estimation that the paper's Figure 3 omits: it shows no source of `state_info`.
+    """A stand-in for the state estimation, since the paper's Figure 3 shows no source of `state_info`.
 
-    `state_info` is the error of the nose (deg, too high is positive): here a slow swing, a function of time.
+    `state_info` is the error of the nose (deg, too high is positive); here it swings slowly, as a function of time.
     """
 
     amplitude_deg = 6.0

@@ -2,8 +2,8 @@
 
 There are two, as in section 4 of the paper. `Guidance` is on board: it flies home on a straight line, or, without a
 position, straight ahead. `OrbitAutopilot` is the experiment on the ground. It knows the aircraft only by telemetry, and
-circles over the field by a vector field, which leads to the circle from anywhere without switching between approach and
-orbit. Both publish commands in degrees; the inner loops limit them, and fly on without them.
+circles over the field by a vector field. The vector field leads to the circle from anywhere, without switching between
+approach and orbit. Both publish commands in degrees; the inner loops limit the commands, and fly on without them.
 
 A restart loses nothing: every command depends only on the inputs of one step.
 """
@@ -68,7 +68,10 @@ class Guidance(Module):
 
 
 def _bank_per_deg(inputs: Inputs) -> float:
-    """Give the bank per degree of turn: more in thin air and at speed, where a bank turns the aircraft more slowly."""
+    """Give the bank in degrees per degree of turn.
+
+    It is larger in thin air and at speed, where a bank turns the aircraft more slowly.
+    """
     true_m_per_s = number(inputs, "true_airspeed")
     if true_m_per_s is None:
         return _BANK_PER_DEG
@@ -99,7 +102,7 @@ class OrbitAutopilot(Module):
         return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
 
     def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
-        """Give the pitch: steeper when high, and slightly nose-up for the lift lost in a bank."""
+        """Give the pitch: a steeper glide when high, and the nose slightly up in a bank, which loses lift."""
         height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
         glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
         return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

@@ -1,8 +1,8 @@
 """The stage of the flight, by which the phases of the spec are entered.
 
-What it decides: the stage. It only advances, and only when the signs of a later stage were present for some steps. The
-signs use the inputs that are present: an aircraft on its balloon has no airspeed, and a released one has. Without a
-pitot, an aircraft that is far below its highest point has been released. Without any input the stage stays.
+The stage only advances, and only when the signs of a later stage were present for some steps. The signs use the inputs
+that are present: an aircraft on its balloon has no airspeed, and a released one has. Without a pitot, an aircraft that
+is far below its highest point counts as released. Without any input the stage stays.
 
 A restart begins without a stage, and takes the one that the signs show. It loses the highest point, so without a pitot
 a released aircraft is recognized only after another long descent.
@@ -31,7 +31,7 @@ class Stage(IntEnum):
 
 
 class MissionSequencer(Module):
-    """Publishes `mission_stage`, from those of altitude, airspeed and wing state that are present."""
+    """Publishes `mission_stage`, from the inputs that are present: altitude, airspeed and wing state."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -1,17 +1,17 @@
-"""What ends a flight: the logic of the parachute, and that of the balloon's line.
+"""The two events that end a flight: the logic of the parachute, and that of the balloon's line.
 
-The parachute has two inputs, the release command and the altitude. As the paper has it (section 3.1), either of them
-is enough to keep it shut. A release command opens it. Without the command link, but with an altitude, it opens when an
-aircraft that has been high comes down through the opening altitude, since it would be too late for a command further
-down. And *by default* it opens when neither input has been heard for some time: longer than a reconfiguration takes,
-and longer than the inputs need after a start.
+The parachute has two inputs, the release command and the altitude. As in the paper (section 3.1), either input is
+enough to keep it shut. There are three reasons to open it. A release command. Without the command link, but with an
+altitude: an aircraft that has been high comes down through the opening altitude, since further down it would be too
+late for a command. And *by default*: neither input has been heard for some time, which is longer than a reconfiguration
+takes, and longer than the inputs need after a start.
 
 The balloon's line is cut in one of three cases: on command; at the planned altitude, if the wings are known to be ready
 or nothing is known of them; or, whatever the wings are, at the highest altitude, where the balloon bursts by itself.
 
-Neither module withdraws its output: once given, it stays. A module that is started again gives it again if the reasons
-still hold. A parachute module that is started again below the opening altitude does not know that the aircraft has been
-high, and waits for a command or for the default.
+Neither module withdraws its output: once given, it stays. A module that is started again gives the output again if the
+reasons still hold. A parachute module that is started again below the opening altitude does not know that the aircraft
+has been high, and waits for a command or for the default.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ _BURST_M = 24_000.0
 
 
 class ChuteLogic(Module):
-    """`chute_release`, 1 to open."""
+    """Gives `chute_release`; 1 opens the parachute."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -59,7 +59,7 @@ class ChuteLogic(Module):
 
 
 class CutdownLogic(Module):
-    """`balloon_cut`, 1 to cut."""
+    """Gives `balloon_cut`; 1 cuts the balloon's line."""
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)

@@ -35,7 +35,7 @@ class PitchVersions(NVersion):
 
 
 class PitchBetter(ComparatorBetter):
-    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is told."""
+    """The better of two pitch angles, in degrees; a difference of more than 5 degrees is reported."""
 
     variable, output, limit = "pitch_angle", "checked_pitch", 5.0
 
@@ -57,6 +57,24 @@ class ElevatorLimiter(RateLimiter):
 
     source = output = "elevator_demand"
     most_per_s = 30.0
+
+
+class ElevatorLimiter1(ElevatorLimiter):
+    """The first of three paths to an elevator servo, each of which limits the demand for its own servo."""
+
+    output = "servo_demand_1"
+
+
+class ElevatorLimiter2(ElevatorLimiter):
+    """The second path."""
+
+    output = "servo_demand_2"
+
+
+class ElevatorLimiter3(ElevatorLimiter):
+    """The third path."""
+
+    output = "servo_demand_3"
 
 
 class PressureStuck(StuckSensorMonitor):

@@ -1,8 +1,8 @@
 """Device drivers of the sensors: they convert a device's readings to variables in their units.
 
-What they decide: whether the device has failed. A device that for half a second was silent, or gave impossible
+A driver also decides whether its device has failed. A device that for half a second was silent, or gave impossible
 readings, is reported as `device:...`, and again every half second, since the operator may have cleared it. The half
-second covers a device that is still starting when its driver starts. For a period without a valid reading nothing is
+second covers a device that is still starting when its driver starts. In a period without a valid reading nothing is
 published: an old value is not repeated as a new one.
 
 A restart loses only the count of silent periods.

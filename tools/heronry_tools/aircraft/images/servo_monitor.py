@@ -1,21 +1,21 @@
 """The servo monitors: they compare a surface's command with its position, and report the device that has failed.
 
-Detection. A healthy servo would bring the surface to the command through a short lag. A difference from that position
+*Detection.* A healthy servo would bring the surface to the command through a short lag. A difference from that position
 beyond the tolerance, for the whole delay and in several comparisons, is a failure. After a report the monitor waits
 while the manager activates the other servo.
 
-Which servo. In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
+*Which servo.* In `big_blue` each servo driver publishes its command with its own version, so the version of the datum
 shows which servo is driven. The monitor of the paper's Figure 3 has no such echo. It assumes that the first branch of
 the DEMUX drives, and, once the first servo was reported, the second branch. If the first servo is out of use for
-another reason this is wrong, but harmless: the report names a device that is already down. This monitor does not know
-either whether the servo is driven at all: a surface also stands still while its driver is silent, or is held back on
-another PE, until another driver takes over. So this monitor waits for longer than a reconfiguration takes before it
-reports a servo.
+another reason the assumption is wrong, but harmless: the report names a device that is already down. This monitor does
+not know either whether the servo is driven at all. A surface also stands still while its driver is silent, or is held
+back on another PE, until another driver takes over. So this monitor waits for longer than a reconfiguration takes
+before it reports a servo.
 
-Servo or sensor. The second servo is reported only if the surface has followed its commands for a while since the first
-one was reported. Two servos hardly fail within a short time, and one stuck potentiometer makes both look wrong.
-Reporting both would leave the aircraft without an elevator because of a sensor, so in that case the sensor is reported.
-A reported device that is still in use is reported again, and no other one: the operator may have cleared it.
+*Servo or sensor.* The second servo is reported only if the surface has followed its commands for a while since the
+first one was reported. If not, the sensor is reported: two servos hardly fail within a short time, but one stuck
+potentiometer makes both look wrong, and reporting both would leave the aircraft without an elevator because of a
+sensor. A reported device that is still in use is reported again, and no other one: the operator may have cleared it.
 
 Not detected: a surface that is stuck at its commanded position, until the next command.
 

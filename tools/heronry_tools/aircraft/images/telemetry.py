@@ -1,7 +1,7 @@
 """Outputs of the flight's data: telemetry for the radio, the display on the ground, the recorder on board.
 
 Telemetry repeats the present inputs at the rate of its mode and omits the missing ones, so a missing value is missing
-on the ground, too; in a byte of the status 255 stands for "missing". Display and recorder write one line of text per
+on the ground, too. In a byte of the status 255 stands for "missing". Display and recorder write one line of text per
 period: `name=value` for each present input, in a fixed order. A restart loses nothing.
 """
 
@@ -26,7 +26,7 @@ _REPEATED = {
 
 
 class Telemetry(Module):
-    """The aircraft's data for the radio: numbers as they are, attitude in 0.01 deg, and four bytes of status."""
+    """The aircraft's data for the radio: numbers unchanged, attitude in 0.01 deg, and four bytes of status."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the data whose inputs are present."""

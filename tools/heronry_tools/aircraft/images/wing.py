@@ -1,6 +1,6 @@
 """The inflatable wings: the control that inflates them, and the monitor that watches them until their skin is hard.
 
-What is decided: when the valve is open, and the state of the wings. Control and monitor depend on each other. The
+The control decides when the valve is open, the monitor in which state the wings are. The two depend on each other. The
 control stops when the monitor publishes that the wings are cured or leak, and does not start again. The monitor
 distinguishes folded wings from filling ones by the valve. (For that loop the spec gives `wing_state` an initial value.)
 A leak is a loss of pressure in wings that were firm.

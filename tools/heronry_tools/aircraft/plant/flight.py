@@ -154,7 +154,7 @@ def moment(time_ns: int) -> Moment:
 
 
 def wing_pressure_hpa(time_ns: int) -> float:
-    """Give the pressure in the wings at this time, for a plant that has seen no movement of their valve."""
+    """Give the pressure in the wings at this time, for a plant in which the valve has not been moved yet."""
     return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
 
 

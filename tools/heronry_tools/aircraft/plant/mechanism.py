@@ -1,7 +1,7 @@
 """The mechanism that actuators move: one value with inertia, pushed by the actuator that was driven last.
 
-Two servos on one surface share one mechanism, and the servo that was driven last holds it: a failed servo slips its
-clutch, and the surface stays where it is until the other servo takes it. The state is the position at the last push,
+Two servos on one surface share one mechanism, and the servo that was driven last holds it. The clutch of a failed servo
+slips, and the surface stays where it is until the other servo drives it. The state is the position at the last push,
 and its target. A mechanism that was not yet pushed is at its initial position. So a restarted process agrees with the
 others after it has heard one push, and after a few time constants.
 """

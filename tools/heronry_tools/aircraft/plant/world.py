@@ -85,7 +85,7 @@ class Plant:
         return value
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Note that an actuator was moved, here or on another PE; an actuator that has failed here does not move."""
+        """Note that an actuator was moved, on this PE or another; an actuator that has failed here does not move."""
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
@@ -159,7 +159,7 @@ class PlantDevice:
 
 
 def _shifted(value: Value, offset: float) -> Value:
-    """Add an offset to a number, or to each number of a tuple; an integer stays an integer, a text is not changed."""
+    """Add an offset to a number, or to each number of a tuple; an integer stays an integer, a text stays unchanged."""
     match value:
         case bool() | str() | bytes():
             return value

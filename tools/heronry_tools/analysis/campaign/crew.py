@@ -126,4 +126,4 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _nothing(_: None) -> None:
-    """Do nothing when a worker process begins: its planner is made with its first task."""
+    """Do nothing when a worker process begins, since its first task makes its planner."""

@@ -1,9 +1,10 @@
 """The smallest sets of faults that lose a function.
 
 A function is *lost* when no legal configuration of the remaining elements serves it, even if every other function is
-given up. More faults leave fewer configurations (`heronry_dg.losses`). So every set that contains a cut set loses the
-function, too, and the smallest sets describe all of them. A loss depends neither on the phase nor on the other
-functions that are wanted: a configuration that serves a function beside others can serve it alone.
+given up. A *cut set* is a smallest set of faults that loses it. More faults leave fewer configurations
+(`heronry_dg.losses`). So every set that contains a cut set loses the function, too, and the cut sets describe all of
+them. A loss depends neither on the phase nor on the other functions that are wanted: a configuration that serves a
+function beside others can serve it alone.
 
     logical     the graph cannot serve the function: even with unlimited CPU, memory, bandwidth and time, and without
                 placement rules
@@ -11,9 +12,9 @@ functions that are wanted: a configuration that serves a function beside others 
 
 Every logical cut set also loses the function with real resources, but there a smaller set may do so, too.
 
-A function that the best plan of a phase *gives up* for something more important is another case. A further fault may
-take that something away, and then the function is served again. So these sets are read from a sweep, and the smallest
-ones tell nothing about the sets that contain them.
+A function that the best plan of a phase *gives up* for a more important function is another case. A further fault may
+make the more important function impossible, and then this function is served again. So these sets are read from a
+sweep, and the smallest ones say nothing about the sets that contain them.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -1,6 +1,6 @@
-"""A campaign as one page: pictures of graceful degradation, and its tables; a single file that needs nothing else.
+"""A campaign as one page: pictures of graceful degradation, and its tables, in a single file that needs no other file.
 
-A picture has the number of faults on its horizontal axis. Its vertical axis has what is left, in per cent of the
+A picture has the number of faults on its horizontal axis. Its vertical axis shows what is left, in per cent of the
 healthy system: an area from the worst to the best case, and a line for the mean. The style sheet has a light and a dark
 set of colours; the setting of the reader's browser chooses one.
 """

@@ -1,16 +1,16 @@
 """The likelihood of a loss within one hour, from `rate_per_h`: a proven lower bound, and an upper one where possible.
 
-Elements fail independently. One with rate r fails within the hour with the probability 1 - exp(-r), which is at most r.
-A function is lost when all elements of some set fail; only sets up to the scope's number of faults (its *order*) are
-known.
+Elements fail independently. An element with rate r fails within the hour with the probability 1 - exp(-r), which is at
+most r. A function is lost when all elements of some set fail; only sets up to the scope's number of faults (its
+*order*) are known. The likelihood is
 
-    at least   some known set fails: the sum over the sets, less the sum over all pairs of them (Bonferroni), or the
-               likeliest set alone. Sets with an element without a rate are left out. For sets that the best plan gives
-               up this assumes that a further fault does not bring the function back
+    at least   the probability that some known set fails: the sum over the sets, less the sum over all pairs of them
+               (Bonferroni), or the likeliest set alone. Sets with an element without a rate are left out. For sets that
+               the best plan gives up this assumes that a further fault does not bring the function back
     at most    the sum over the known sets, and the probability that more elements fail than the order. Not known where
                an element of the scope has no rate
 
-The distance of the two shows what the order leaves open.
+The difference of the two shows what the order leaves open.
 """
 
 from collections.abc import Collection, Iterable
@@ -64,7 +64,7 @@ def rate_of(spec: Spec, element: str) -> Fraction | None:
 def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]], scope: Scope) -> Likelihood | None:
     """Bound the probability that a function is lost within one hour; None where no set has all its rates.
 
-    fault_sets: the smallest sets of the scope that lose it.
+    fault_sets: the smallest sets of the scope that lose the function.
     """
     rates = {element: rate for element in scope.elements if (rate := rate_of(spec, element)) is not None}
     sets = list(fault_sets)

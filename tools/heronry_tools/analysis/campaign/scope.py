@@ -32,8 +32,8 @@ def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheduler", metavar="ADDRESS", help="plan on the Dask cluster of this scheduler instead")
 
 
-def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
-    """The scope from the command line; raises UserError."""
+def scope_of(spec: "Spec", arguments: argparse.Namespace, *, places: bool = False) -> "Scope":
+    """The scope from the command line, with the places in use if `places`; raises UserError."""
     from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
     from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
 
@@ -43,7 +43,8 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
     wanted = arguments.phase or phases_of(spec)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in wanted))
     kinds = kinds_of(arguments.kinds)
-    return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
+    named = tuple(one for one in elements(spec) if one.partition(":")[0] in kinds)
+    return feasible(Scope(named, faults, phases, places=places and "module" in kinds))
 
 
 def phases_of(spec: "Spec") -> "tuple[str | None, ...]":

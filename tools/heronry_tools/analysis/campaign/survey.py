@@ -1,7 +1,7 @@
 """What survives a number of faults: the figures of a campaign, from the outcomes of its sweep.
 
-Every fault set of a size counts alike, however likely it is. A function is lost where the best plan does not serve it:
-because no plan can, or because the remaining resources go to a more important function.
+Every fault set of a size counts alike, however likely it is. A function counts as lost where the best plan does not
+serve it: because no plan can, or because the remaining resources go to a more important function.
 """
 
 from collections import Counter

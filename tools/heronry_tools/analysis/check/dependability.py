@@ -1,4 +1,4 @@
-"""The check of DG4xx: functions that a single fault loses, by planning; useless redundancy, from the graph.
+"""The check of DG4xx: planning finds functions that a single fault loses, and the graph shows useless redundancy.
 
 Each finding has the place where it would be fixed or accepted: a loss stands at the element that fails, a gate at its
 first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) is not planned, since the
@@ -75,7 +75,10 @@ def _tell_plants(subject: Subject, findings: Findings, loss: "Loss") -> None:
 
 
 def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
-    """Give functions that have one of these classes where they are lost, most critical first, each as text."""
+    """Give the lost functions that have one of these classes in a phase of the loss, as texts.
+
+    The most critical function comes first.
+    """
     words: dict[str, list[str]] = {}
     for level in classes:
         for name, at in functions.items():
@@ -98,10 +101,11 @@ def _redundancy(subject: Subject, findings: Findings) -> None:
     """Check every DEMUX, XOR and voter."""
     dependence = Dependence(subject.spec)
     for demux in subject.spec.demuxes.values():
-        shared = dependence.of_branches(demux)
+        shared = dependence.of_ends(demux)
         if shared:
-            sentence = f"all branches of DEMUX '{demux.name}' are lost with {dependence.shown(shared)}"
-            hint = f"its branches are {listed(demux.branches)}"
+            what = "ends" if demux.to else "branches"
+            sentence = f"all {what} of DEMUX '{demux.name}' are lost with {dependence.shown(shared)}"
+            hint = f"its {what} are {listed(demux.ends)}"
             findings.add(rules.DEMUX_SHARES, subject.place("gates", demux.name), sentence, hint)
     for module in subject.spec.modules.values():
         for mode in module.modes.values():

@@ -21,7 +21,7 @@ _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds noth
 
 
 def _smoothed(criticality: str, *names: str) -> str:
-    """Write the same spec with modules of these names, which make `level` of `speed`."""
+    """Write a small spec with modules of these names, each of which computes `level` from `speed`."""
     middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
     return doubled(criticality, middle=middle, reads="level")
 

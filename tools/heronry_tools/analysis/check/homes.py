@@ -1,4 +1,4 @@
-"""The PEs on which a module may run and is not too large, with everything up and nothing else there."""
+"""The PEs on which a module may run and has room, with everything up and nothing else on the PE."""
 
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.situation import hosts_when_all_is_up

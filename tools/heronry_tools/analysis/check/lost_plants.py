@@ -1,7 +1,8 @@
 """The plants of class A and B that one fault takes off every control path; DG405.
 
-In every phase: a plant counts that the best plan with everything up has on a path. It is lost with an element where the
-contingency plan without the element has it on none. Elements that leave the planner the same choice are planned once.
+The check looks at every phase. It considers a plant that the best plan with everything up has on a path. The plant is
+lost with an element if the contingency plan without the element has the plant on no path. Elements that leave the
+planner the same choice are planned once.
 """
 
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ _CLASSES: Final = ("A", "B")
 
 
 def lost_plants(planning: Planning) -> Iterator[Loss]:
-    """Every element with which a plant is lost; no module whose device loses the same."""
+    """Give every element with which a plant is lost; a module is left out if the loss of its device loses the same."""
     spec = planning.spec
     if not any(plant.criticality in _CLASSES for plant in spec.plants.values()):
         return

@@ -1,9 +1,9 @@
 """Elements on which all alternatives depend, from the graph alone: DG410 to DG412.
 
 An expression depends on an element when it cannot hold without that element, even with unlimited resources
-(`heronry_dg.why_not` computes that). Alternatives that all depend on one element protect from none of its faults. Two
-kinds of elements are left out: those whose loss stops the reader as well, since then no module misses the alternatives,
-and the manager's bus, without which nothing runs.
+(`heronry_dg.why_not` computes that). Alternatives that all depend on one element give no protection from its faults.
+Two kinds of elements are left out. If the loss of an element also stops the reader, no module misses the alternatives.
+And without the manager's bus nothing runs at all.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,13 +43,13 @@ class Dependence:
         named = [one for one in elements(spec) if one != hopeless and not one.startswith("channel:")]
         self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
 
-    def of_branches(self, demux: Demux) -> frozenset[str]:
-        """Elements without which no branch of a DEMUX can run, though its variable is given."""
-        branches = [self.spec.modules[name] for name in demux.branches]
-        if not all(self._healthy.can_run(branch) for branch in branches):
+    def of_ends(self, demux: Demux) -> frozenset[str]:
+        """Elements without which no end of a DEMUX can run, though its variable is given."""
+        ends = [self.spec.modules[name] for name in demux.ends]
+        if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()
         demanded = Leaf(demux.variable, 1, self.spec.variables[demux.variable].versions, ())
-        unserved = self._where(lambda found: not any(found.can_run(branch) for branch in branches))
+        unserved = self._where(lambda found: not any(found.can_run(end) for end in ends))
         return unserved - self._where(lambda found: not found.can_hold(demanded, _NEVER_LOST))
 
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
@@ -82,7 +82,7 @@ def _chooses(gate: Gate) -> bool:
 
 
 def independent(inputs: Sequence[frozenset[str]]) -> int:
-    """How many inputs can be picked such that no two depend on one element; more than three are not counted."""
+    """Give the largest number of inputs, up to three, of which no two depend on one element."""
 
     def most(left: Sequence[frozenset[str]], wanted: int) -> int:
         best = 0

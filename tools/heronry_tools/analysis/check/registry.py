@@ -1,9 +1,9 @@
 """All families of rules, and the checks of those that the loader does not check.
 
 The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Every other family has a
-function `check(subject, findings)`, for a spec that loads. A family that needs a solver keeps its rules and its check
-in files of this folder, and imports the planner inside its functions: listing a rule needs no solver. Its check is
-imported when it is called, which keeps `check --fast` fast.
+function `check(subject, findings)`, for a spec that loads. A family that needs a solver, or runs foreign code, keeps
+its rules and its check in files of this folder, and imports the planner inside its functions: listing a rule needs no
+solver. Its check is imported when it is called, which keeps `check --fast` fast.
 
 To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """
@@ -19,11 +19,11 @@ from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings
 from heronry_dg.rules import file, graph, schema, wire
 from heronry_dg.rules.rule import Family, Rule
-from heronry_tools.analysis.check import dependability_rules, resource_rules
+from heronry_tools.analysis.check import dependability_rules, image_rules, resource_rules
 
 
-def _solving(module: str) -> Check:
-    """Give the check of a family that needs a solver; its file is imported when the check is called."""
+def _slow(module: str) -> Check:
+    """Give the check of a family that is not fast; its file is imported when the check is called."""
 
     def check(subject: Subject, findings: Findings) -> None:
         import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
@@ -38,12 +38,14 @@ FAMILIES: Final[tuple[Family, ...]] = (
     resource_rules.FAMILY,
     dependability_rules.FAMILY,
     wire.FAMILY,
+    image_rules.FAMILY,
 )
 CHECKS: Final[Mapping[str, Check]] = {
     graph.FAMILY.prefix: graph_check.check,
-    resource_rules.FAMILY.prefix: _solving("resources"),
-    dependability_rules.FAMILY.prefix: _solving("dependability"),
+    resource_rules.FAMILY.prefix: _slow("resources"),
+    dependability_rules.FAMILY.prefix: _slow("dependability"),
     wire.FAMILY.prefix: wire_check.check,
+    image_rules.FAMILY.prefix: _slow("images"),
 }
 RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
 

@@ -1,12 +1,13 @@
 """The check of DG3xx: room, bandwidth and time for all that is wanted, with everything up.
 
 Checks without a solver come first: each module against the PEs, each bus's reserve against its management frames, and
-the forced traffic. Then the planner is used (servable.py). Each cause is reported once: a function whose module fits
-nowhere, or whose data overload a bus alone, is not checked again; a function that only deadlines keep from being served
-is reported as late; and a function that could not be served with unlimited resources is left to the rules of the graph.
+the forced traffic. Then the planner is used (servable.py). Each cause is reported once. A function whose module fits
+nowhere, or whose data alone overload a bus, is not checked again. A function that is not served only because of
+deadlines is reported as late. A function that could not be served even with unlimited resources is left to the rules of
+the graph.
 
-A spec with more sources than identifiers (DG505) is not planned, since the priorities of its frames are unknown; nor is
-a spec with a bus that management fills (DG307), since no datum would ever arrive there.
+Two kinds of specs are not planned: a spec with more sources than identifiers (DG505), since the priorities of its
+frames are unknown, and a spec with a bus that management fills (DG307), since no datum would ever arrive there.
 """
 
 from collections.abc import Collection, Iterable
@@ -102,7 +103,7 @@ def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
 
 
 def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
-    """Give the bit/s of longest states, LEASE and ALIVE: those of the bus, and those that gateways pass up."""
+    """Give the bit/s of LEASE, ALIVE and the longest states on a bus, forwarded states included."""
     left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
     own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
@@ -159,7 +160,7 @@ class _Serving:
         return True
 
     def _each_phase(self, possible: frozenset[str]) -> None:
-        """Find critical functions that the best plan of a phase gives up, and what it gives them up for."""
+        """Find critical functions that the best plan of a phase gives up, and the functions for which it does so."""
         crowded: dict[str, list[Phase]] = {}
         for phase in self._phases:
             wanted = self._critical[phase] & possible
@@ -185,7 +186,7 @@ class _Serving:
         self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
 
     def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
-        """Tell whether what some functions force onto a bus is too much for it, and which bus that is."""
+        """Tell whether the data that some functions force onto a bus are too much for it, and for which bus."""
         from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
 
         possible = self._planning.candidates_for(functions)
@@ -204,7 +205,7 @@ class _Serving:
         return bool(overloaded)
 
     def _tell_late(self, configuration: "Configuration", served: str) -> None:
-        """Report the late data of a configuration that serves functions which no legal configuration serves."""
+        """Report the data that are late in a configuration; no legal configuration serves `served`."""
         published = hops(survivors(self._spec, Situation()), configuration)
         times = self._planning.times
         for late in times.late(published):

@@ -1,11 +1,11 @@
 """What a check needs from the planner: whether some functions can all be served, and which a phase gives up.
 
-The exact planner answers both, and gets the cheap problem first: only these functions are wanted, all with the same
-priority. Where all of them can be served, so does every best plan of a phase that wants no other critical function,
-because the planner reaches the bound of a level of the objective where it can. Only where they cannot all be served is
-the whole phase planned, with its priorities.
+The exact planner answers both questions. It first gets a cheap problem: only these functions are wanted, all with the
+same priority. If all of them can be served together, every best plan of a phase that wants no other critical function
+serves them, because the planner reaches the bound of a level of the objective where it can. Only if they cannot all be
+served is the whole phase planned, with its priorities.
 
-Identifiers, and with them response times, are always those of the whole spec, since these are on the bus.
+Identifiers, and with them response times, are always those of the whole spec, since these are used on the bus.
 """
 
 from collections.abc import Collection, Mapping
@@ -79,7 +79,10 @@ class Planning:
         return ResponseTimes(self.spec)
 
     def in_phase(self, phase: Phase) -> "Planning":
-        """Give the one for the spec of a phase, in which inputs of other phases are closed; this one if none is."""
+        """Give the `Planning` for the spec of a phase, in which inputs of other phases are closed.
+
+        Itself if none is closed.
+        """
         planned = self.spec.in_phase(phase)
         if planned is self.spec:
             return self

@@ -1,11 +1,12 @@
 """The critical functions that one fault loses, found with the planner; DG401 to DG404.
 
-A function is lost with an element when the best plan with everything up serves it and the contingency plan without the
-element does not. Only phases whose critical functions all fit with everything up are checked: the others are DG303.
+A function is lost with an element when the best plan with everything up serves the function and the contingency plan
+without the element does not. Only phases whose critical functions can all be served with everything up are checked; the
+other phases are reported as DG303.
 
 Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are planned once,
-as in a sweep. A function that no candidate can serve is lost. If all the others of all phases can still be served
-together, no plan loses one of them; only where they cannot, each phase is planned.
+as in a sweep. A function that no candidate can serve is lost. If all other functions of all phases can still be served
+together, no plan loses one of them; only if they cannot, each phase is planned.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,7 +31,10 @@ class Loss:
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Find every element whose loss alone loses a critical function; no module whose device loses the same."""
+    """Find every element whose loss alone loses a critical function.
+
+    A module is left out if its device loses the same.
+    """
     spec = planning.spec
     critical = _fitting(planning)
     known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}

@@ -1,1 +1,1 @@
-"""What needs a solver to assess a component graph: the longest cycle, and the least cut."""
+"""Assessments of a component graph that need a solver: the longest cycle, and the least cut."""

@@ -1,12 +1,14 @@
-"""The least cut of a component graph: what the radio has to carry at least between two sides.
+"""The least cut of a component graph: the least bandwidth that the radio must carry between two sides.
 
-Nodes are the leaves with a vertex in the graph, but plants. A port costs its weight once if any consumer is on the
-other side: a net, not a sum of edges. Leaves that are pinned to a side stay there, and there must be two sides. Of
-several least cuts it is the one in which the first side keeps most leaves; least cuts form a lattice, so there is one.
+Nodes are the leaves that have a vertex in the graph, except plants. A port costs its weight once if any consumer is on
+the other side: it is a net, not a sum of edges. Leaves that are pinned to a side stay there, and there must be two
+sides. If there are several least cuts, the result is the one in which the first side keeps most leaves; least cuts form
+a lattice, so there is exactly one.
 
-By maximum flow: the leaves pinned to the first side are the source, those of the second the sink. A net is an arc of
-its weight between two nodes of its own, with arcs to the one from each leaf of the net and from the other back to it
-(Lawler 1973). What the first side keeps is all that does not reach the sink in what the flow has left over.
+The cut is found by maximum flow: the leaves pinned to the first side are the source, those of the second side the sink.
+A net is an arc of its weight between two nodes of its own. Arcs lead to the first of these nodes from each leaf of the
+net, and from the second back to each leaf (Lawler 1973). The first side keeps all leaves that cannot reach the sink
+over the capacity that the flow has left.
 
 Source: the paper, section 3.4: "a minimum-cut was determined to partition the components".
 """
@@ -28,7 +30,7 @@ class Cut:
 
 
 def least_cut(graph: Graph, first: str | None = None) -> Cut:
-    """Find the least cut; `first`: the first side, that of the file's first pinned leaf if left out.
+    """Find the least cut; `first`: the first side, by default the side of the file's first pinned leaf.
 
     Raises PcsError `sides` where leaves are not pinned to exactly two sides.
     """
@@ -46,7 +48,7 @@ def least_cut(graph: Graph, first: str | None = None) -> Cut:
 
 
 def _nets(graph: Graph, nodes: Mapping[str, str | None]) -> dict[str, set[str]]:
-    """For each port that costs something, the leaves that it joins."""
+    """Give for each port that costs something the leaves that it joins."""
     nets: dict[str, set[str]] = {}
     for start, end in sorted(graph.edges):
         producer, consumer = parent(start), parent(end)
@@ -61,7 +63,7 @@ def _weight(graph: Graph, vertex: str) -> int:
 
 
 def _flow(graph: Graph, number: Mapping[str, int], nets: Mapping[str, set[str]]) -> tuple[int, set[int]]:
-    """The maximum flow from node 0 to node 1, and the nodes that then still reach node 1."""
+    """Give the maximum flow from node 0 to node 1, and the nodes that can still reach node 1 then."""
     network = SimpleMaxFlow()
     network.add_arc_with_capacity(0, 1, 0)  # both nodes are there, even if nothing leads to them
     node = max(number.values(), default=1)

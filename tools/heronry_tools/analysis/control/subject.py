@@ -1,4 +1,4 @@
-"""What a command about component graphs works on: the graph of a file, or the one of a spec and a plan."""
+"""The graph on which a command about component graphs works: that of a file, or that of a spec and a plan."""
 
 import json
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ CRITICAL: Final = ("A", "B")  # classes of plants that a plan has to keep on a p
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """A spec with a configuration, and the situation that it is for."""
+    """A spec with a configuration, and the situation for which the configuration was made."""
 
     spec: Spec
     now: Situation
@@ -34,17 +34,20 @@ class Planned:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A graph, and the plan that it follows from, if it does."""
+    """A graph, and the plan from which it was derived, if there is one."""
 
     graph: Graph
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """The side that a cut favours: the manager's of a spec; None: that of the file's first pinned leaf."""
+        """Give the side that a cut favours: the manager's side of a spec.
+
+        None: the side of the file's first pinned leaf.
+        """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
     def critical_plants(self) -> frozenset[str] | None:
-        """Members that have to be on a path: the plants of class A and B of a spec; None for a file."""
+        """Give the members that must be on a path: the plants of class A and B of a spec; None for a file."""
         if self.planned is None:
             return None
         plants = self.planned.spec.plants.values()
@@ -52,7 +55,7 @@ class Subject:
 
 
 def load_subject(text: str, plan_file: str | None = None) -> Subject:
-    """Load what FILE or SPEC names; for a spec with the plan of a file, or its best plan with everything up.
+    """Load the FILE or SPEC that `text` names; for a spec use the plan of a file, or its best plan with everything up.
 
     Raises UserError, SpecError or PlanError.
     """
@@ -69,14 +72,14 @@ def load_subject(text: str, plan_file: str | None = None) -> Subject:
 
 
 def graph_path(text: str) -> Path | None:
-    """The file of a graph: one named so, or a shipped one; None where the text names something else."""
+    """Give the file of a graph, by its path or as a shipped one; None where the text names something else."""
     if text.endswith(SUFFIXES):
         return Path(text)
     return shipped_graph_path(text) if text in shipped_graph_names() and not Path(text).exists() else None
 
 
 def shipped_spec_of(plan: str) -> Spec | None:
-    """Find the shipped spec that a plan was made for, by the digest in it; None where there is none."""
+    """Find the shipped spec for which a plan was made, by the digest in the plan; None where there is none."""
     try:
         digest = json.loads(plan)["spec"]
     except (ValueError, KeyError, TypeError):

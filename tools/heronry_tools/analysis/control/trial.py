@@ -1,4 +1,4 @@
-"""A reconfiguration script tried on paper: on a graph, or on a plan, whose devices and plants follow."""
+"""A reconfiguration script, tried on a graph or on a plan without flying it; a plan's devices and plants follow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,10 @@ from heronry_tools.analysis.control.subject import Planned, Subject
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The graphs before and after a script, alike where it has errors; of a plan, what makes the result illegal."""
+    """The graphs before and after a script; they are equal if the script has errors.
+
+    For a plan, also the reasons why the resulting configuration is not legal.
+    """
 
     statements: int
     errors: Sequence[ScriptError]
@@ -24,7 +27,7 @@ class Trial:
 
 
 def try_script(text: str, subject: Subject) -> Trial:
-    """Apply a script to what a command works on."""
+    """Apply a script to the graph or plan of a command."""
     if subject.planned is not None:
         return _on_plan(text, subject.graph, subject.planned)
     outcome = interpret(text, subject.graph)
@@ -36,7 +39,10 @@ def _on_plan(text: str, before: Graph, planned: Planned) -> Trial:
     if outcome.errors:
         return Trial(outcome.statements, outcome.errors, before, before, ())
     broken = [str(violation) for violation in verify(planned.spec, planned.now, outcome.configuration)]
-    no_wires = [f"{start} -> {end} is no wire: it must lead from what a module gives to an input of that variable, "
-                "and to each input only once" for start, end in outcome.no_wires]  # fmt: skip
+    no_wires = [
+        f"{start} -> {end} is no wire: it must lead from what a running module gives to an input of that variable, "
+        "and to each input only once"
+        for start, end in outcome.no_wires
+    ]
     after = plan_graph(planned.spec, outcome.configuration)
     return Trial(outcome.statements, (), before, after, [*no_wires, *broken])

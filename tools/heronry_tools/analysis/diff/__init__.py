@@ -1,1 +1,1 @@
-"""What changes between two specs: in the graph, and in consequence."""
+"""What changes between two specs: elements of the graph, and the consequences for each phase."""

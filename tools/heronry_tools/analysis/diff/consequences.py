@@ -1,14 +1,14 @@
-"""What follows from a spec in each of its phases: the functions served, their load, and their single points of failure.
+"""The consequences of a spec in each phase: the functions served, their load, and their single points of failure.
 
-A single point of failure of a function is one element whose loss costs it, though the healthy system serves it. Only
-critical functions (classes A to D) that the phase wants are examined. A plan for each element would take minutes; most
-losses are settled without one:
+A single point of failure of a function is one element whose loss loses the function, though the healthy system serves
+it. Only critical functions (classes A to D) that the phase wants are examined. A plan for each element would take
+minutes. Most losses are decided without a plan:
 
-1. What `feasible` rules out is lost in every plan.
+1. A function that `feasible` rules out is lost in every plan.
 2. If a known configuration, less what died, is legal and serves all the other functions, then nothing else is lost: the
    best plan is worth no less. That holds unless the loss makes room for a function that the healthy system has to leave
    out. Idle modules in the configuration do no harm; they could be stopped.
-3. For what remains there is a plan, and its configuration is known from then on, to the next phase and spec as well.
+3. For each remaining element a plan is made. Its configuration is known from then on, for the next phase and spec too.
 """
 
 from collections.abc import Iterator, Mapping
@@ -103,7 +103,7 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
 
 
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
-    """Tell whether a configuration, without the modules and wires that are lost, is legal and serves some functions."""
+    """Tell whether a configuration, without its lost modules and wires, is legal and serves the wanted functions."""
     left = _remains(spec, now, known)
     if not all(any(output in left.modules for output in function.outputs) for function in wanted):
         return False

@@ -1,4 +1,4 @@
-"""The difference of two specs: their elements, what follows from them phase by phase, and what `check` says of them.
+"""The difference of two specs: their elements, the consequences phase by phase, and the findings of `heronry check`.
 
 A phase that only the new spec has is compared with the old spec's first one, since there is no other; so is a spec
 without phases. A phase that only the old spec has is not compared.
@@ -27,7 +27,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class PhaseDifference:
-    """Old and new values of all that differs in one phase."""
+    """Old and new values of everything that differs in one phase."""
 
     phase: str | None
     against: str | None  # the phase of the old spec
@@ -80,7 +80,7 @@ def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str
 
 
 def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
-    """Give the changes for each function that both specs serve or that is new; a function no longer served has none."""
+    """Give the changes for each function that both specs serve or that is new; none for a function no longer served."""
     for function, points in new.items():
         was = old.get(function, ())
         moved = Moved(

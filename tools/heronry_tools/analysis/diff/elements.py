@@ -1,8 +1,8 @@
 """What changed in the file: elements added, removed and changed, field by field, with the keys of the spec.
 
-Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared
-map by map. A renamed element is one removed and one added. Where order carries meaning (modes, branches, phases) the
-order is a field. Comments, shorthands written otherwise and the order of other elements change nothing.
+Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared map
+by map. A renamed element appears as one removed and one added. Where order carries meaning (modes, branches, phases)
+the order is a field. Comments, another spelling of a shorthand, and the order of other elements are no change.
 """
 
 from collections.abc import Iterator, Mapping
@@ -120,7 +120,7 @@ def _mode(spec: Spec, mode: Mode) -> Fields:
 
 
 def _flat(element: object) -> Fields:
-    """Fields of a model element but for its name and its parts, as a spec writes them."""
+    """Give the fields of a model element, except its name and its parts, as a spec writes them."""
     found: dict[str, str] = {}
     for field in fields(element):  # type: ignore[arg-type]
         if field.name not in ("name", "modes", "needs", "outputs"):

@@ -1,6 +1,7 @@
-"""What `heronry check` says of one spec and not of the other.
+"""Findings that `heronry check` has for one spec and not for the other.
 
-Two findings are the same when code and sentence are: lines move with every change, and a sentence names its elements.
+Two findings are the same when code and sentence are the same: lines move with every change, and a sentence names its
+elements.
 """
 
 from collections import Counter
@@ -13,7 +14,7 @@ from heronry_tools.analysis.check.registry import RULES, checks_of
 
 @dataclass(frozen=True, slots=True)
 class FindingsChange:
-    """Findings that a change brings, and those that it ends, each in its spec; how many stay."""
+    """Findings that are new in the new spec, findings of the old spec that are gone, and the number that stay."""
 
     old: Assessed
     new: Assessed
@@ -32,7 +33,7 @@ def _assessed(name: str, data: bytes) -> Assessed:
 
 
 def _beyond(one: Assessed, other: Assessed) -> Assessed:
-    """Findings of one file that the other one has not."""
+    """Findings about one file that the other file does not have."""
     left = Counter(map(_said, other.findings))
     alone: list[Finding] = []
     for finding in one.findings:

@@ -1,6 +1,6 @@
 """A difference as a Mermaid picture: what changed, and its neighbours, old and new in one graph.
 
-What is new is green, what is gone red and dashed, what is changed amber; the neighbours keep their looks.
+New elements are green, removed elements red and dashed, changed elements amber; the neighbours keep their looks.
 """
 
 from collections.abc import Container, Iterator

@@ -39,7 +39,10 @@ def _counted(count: int) -> str:
 
 
 def _findings_lines(findings: FindingsChange) -> Iterator[str]:
-    """What check says newly, and what it says no longer; an error first, since it keeps a spec from flying."""
+    """Lines about findings that are new, and findings that are gone.
+
+    Errors come first, since such a spec cannot fly.
+    """
     for title, assessed in (("check says newly:", findings.new), ("check no longer says:", findings.old)):
         if assessed.findings:
             yield title

@@ -1,1 +1,1 @@
-"""Why a function is not served, or not as well as it could be, and what would repair it."""
+"""Why a function is not served, or not as well as it could be, and which repairs would change that."""

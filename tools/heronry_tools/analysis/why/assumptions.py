@@ -28,7 +28,7 @@ class Assumption:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Whether these functions, each with at least this value, can be served together, with these elements down."""
+    """The question whether these functions can be served together, each with its least value, with elements down."""
 
     spec: Spec
     down: frozenset[str]
@@ -36,7 +36,10 @@ class Question:
 
 
 def assumptions(question: Question, goal: str) -> list[Assumption]:
-    """List all assumptions: those that explain least come first, elements that are down come last."""
+    """List all assumptions: those that explain least come first, elements that are down come last.
+
+    `reasons` relaxes them in this order.
+    """
     return list(_assumptions(question, goal))
 
 

@@ -1,12 +1,13 @@
 """Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
 
-The *goal* is to serve the function, or, where the plan serves it in a worse mode, to serve it in its best mode; and to
-serve every other function as well as the plan does. The plan is the best one, so the goal is impossible. Why?
+The *goal* is to serve the function, or, if the plan serves it in a worse mode, to serve it in its best mode; and to
+serve every other function as well as the plan does. The plan is the best one, so the goal is impossible. This file
+finds out why.
 
-*Reasons.* The assumptions (`assumptions`) make the goal impossible together. They are relaxed one after the other, and
-one without which the goal is still impossible stays relaxed (a deletion filter). The rest is irreducible: without any
-one of them the goal would be possible. There may be other irreducible sets; the assumptions that explain least are
-relaxed first.
+*Reasons.* The assumptions (`assumptions`) together make the goal impossible. They are relaxed one after the other. If
+the goal is still impossible without an assumption, it stays relaxed (a deletion filter). The rest is irreducible: if
+any one of them were relaxed too, the goal would be possible. There may be other irreducible sets; the assumptions that
+explain least are relaxed first.
 
 *Repairs.* A repair must relax something of every irreducible set. The smallest repair is found as a smallest hitting
 set of the irreducible sets that are known; if that is no repair, it shows a further irreducible set. A repair can only
@@ -109,7 +110,7 @@ def _is_possible(question: Question) -> bool:
 def _irreducible(
     these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
 ) -> list[Assumption]:
-    """Reduce assumptions that make the goal impossible to a subset that does, too, and of which each is needed."""
+    """Reduce assumptions that make the goal impossible to a smallest subset that does so: each one in it is needed."""
     gone = list(without)
     kept = list(these)
     for one in these:
@@ -122,7 +123,7 @@ def _irreducible(
 def _repairs(
     question: Question, every: Sequence[Assumption], function: Function, now: Situation, possible: Possible
 ) -> Iterator[Repair]:
-    """Find the smallest repairs: all that have a single part, else one."""
+    """Find the smallest repairs: all repairs with a single part, or else one repair."""
     soft = [one for one in every if one.kind in MENDABLE]
     if not possible(soft):
         return
@@ -137,7 +138,10 @@ def _repairs(
 
 
 def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
-    """Give sets of assumptions without which the goal is possible, smaller ones first; none contains another one."""
+    """Give sets of assumptions whose relaxation makes the goal possible, smaller ones first.
+
+    None contains another one.
+    """
     cores: list[frozenset[Assumption]] = []
     found: list[frozenset[Assumption]] = []
     for _ in range(_MOST_TRIES):
@@ -165,7 +169,7 @@ def _smallest_hitting(
 
 
 def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
-    """Find the amount needed of each capacity, one after the other; those not yet measured are unlimited."""
+    """Find the amount needed of each capacity, one after the other; capacities not measured yet are unlimited."""
     capacities = [one for one in parts if one.kind in CAPACITIES]
     repaired = relaxed(question, parts)
     needed = []

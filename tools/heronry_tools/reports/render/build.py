@@ -1,7 +1,8 @@
 """From a spec to its graph: every symbol once, and every edge along which data can flow.
 
-An input that stands alone needs no gate: its variable goes straight to the mode. The leaf of a DEMUX's branch comes
-out of the DEMUX. With a function given, the graph has only what may contribute to that function, in any mode.
+An input that stands alone needs no gate: an edge leads from its variable to the mode. For the leaf of a DEMUX's branch
+the edge leads from the DEMUX. If a function is given, the graph has only what may contribute to that function, in any
+mode.
 """
 
 from collections.abc import Iterator
@@ -75,7 +76,9 @@ class _Builder:
         demux = self.spec.demuxes[name]
         branches = [self.spec.modules[branch] for branch in demux.branches]
         dead, chosen = self.marks.demux_dead(demux), any(self.marks.running(branch) for branch in branches)
-        self._add(Node(f"demux:{name}", "demux", name, self._serves(name), dead=dead, chosen=chosen))
+        notes = [self._serves(name), f"to {', '.join(demux.to)}" if demux.to else ""]
+        note = "\n".join(note for note in notes if note)
+        self._add(Node(f"demux:{name}", "demux", name, note, dead=dead, chosen=chosen))
         source = f"variable:{demux.variable}"
         self.edges.append(Edge(source, f"demux:{name}", dead=dead, chosen=chosen))
 

@@ -1,8 +1,8 @@
-"""A component graph as nodes and edges of a picture: what is drawn is what has no components of its own.
+"""A component graph as nodes and edges of a picture: the members that have no components of their own are drawn.
 
 Circles are plants, squares all other members; devices have their own symbols. An arrow stands for all edges from one
-member to another. Bold is a loop that leads through a plant and through something that is no plant; a plant on no such
-loop is open, and drawn as what cannot run is drawn.
+member to another. A bold arrow is on a loop that leads through a plant and through something that is no plant. A plant
+on no such loop is open; it is drawn like an element that cannot run.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ _DEVICE: Final = "device:"
 
 
 def component_picture(graph: ComponentGraph, model: ComponentGraph | None = None) -> Graph:
-    """Make the picture of a graph, or of a view of a model, in which loops are looked for."""
+    """Make the picture of a graph, or of a view of `model`, in which loops are searched for."""
     found = loops(model or graph)
     drawn = [name for name, member in graph.members.items() if not member.components]
     of = {vertex: name for name in drawn for vertex in graph.members[name].vertices}
@@ -39,7 +39,7 @@ def _node(graph: ComponentGraph, name: str, found: Loops, kinds: Mapping[str, Ki
 
 
 def _device_kinds(graph: ComponentGraph) -> dict[str, Kind]:
-    """Devices of a plan's graph: a module reads a sensor, and commands an actuator."""
+    """Kinds of the devices in a plan's graph: a module reads a sensor, and commands an actuator."""
     kinds: dict[str, Kind] = {}
     for start, end in graph.edges:
         for vertex, kind in ((start, "sensor"), (end, "actuator")):

@@ -1,8 +1,8 @@
 """The place of every symbol and edge, in pixels: boxes that do not overlap, and edges that run between them.
 
-Within a column every symbol should stand level with the symbols to which edges join it, and no two symbols may be
+Within a column every symbol should be at the height of the symbols to which edges join it, and no two symbols may be
 closer than a gap. This least-squares problem has an exact solution (pool adjacent violators); it is computed column by
-column, from left to right and back. Between two columns an edge is one curve; across a column it is straight, at a
+column, from left to right and back. Between two columns an edge is one curve. Across a column it is straight, at a
 height of its own. Feedback runs below the graph and back.
 """
 
@@ -142,7 +142,7 @@ class _Placing:
         return found
 
     def _settle(self) -> None:
-        """Move every column to where its edges are most nearly level."""
+        """Move the symbols of every column to the heights at which their edges are most nearly level."""
         near: dict[str, list[tuple[str, int, int]]] = {key: [] for key in self._shapes}
         for segment in self._layers.segments:
             out, into = self._ends(segment)
@@ -158,7 +158,7 @@ class _Placing:
                 self._y.update(zip(column, self._apart(column, wanted), strict=True))
 
     def _straighten(self) -> None:
-        """Keep long edges at one height where there is room, so that they step once and not in every column."""
+        """Keep long edges at one height where there is room: they change height once, not in every column."""
         before = {segment.target: segment for segment in self._layers.segments if segment.target.startswith("~")}
         for column in self._layers.columns:
             for places in (range(len(column)), reversed(range(len(column)))):
@@ -184,12 +184,12 @@ class _Placing:
         return out, into
 
     def _weight(self, segment: Segment) -> int:
-        """Give the weight of a segment in straightening: long edges come first."""
+        """Give the weight of a segment in straightening: longer edges weigh more."""
         points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
         return (2, 3, 8)[points]
 
     def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
-        """Give the heights nearest to the wanted, weighted ones at which no symbol overlaps the next (rounded down)."""
+        """Give the heights nearest to the wanted, weighted ones at which no two symbols overlap (rounded down)."""
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
@@ -233,7 +233,10 @@ class _Placing:
         )
 
     def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
-        """Give the x at which an edge meets its target; on a circle it is farther right above and below the middle."""
+        """Give the x at which an edge meets its target.
+
+        On a circle this is farther right above and below the middle.
+        """
         if not segment.last:
             return left
         round_ = self._graph.nodes[segment.target].kind == "variable"
@@ -252,7 +255,7 @@ class _Placing:
 
 
 def _sagitta(radius: int, offset: int) -> int:
-    """How far the edge of a circle lies inside its box at a height off its middle."""
+    """How far inside its box the edge of a circle lies, at a height `offset` off the middle."""
     return radius - isqrt(radius * radius - offset * offset)
 
 

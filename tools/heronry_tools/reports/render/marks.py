@@ -1,7 +1,7 @@
 """The symbols of a graph that are dead in a situation, and those that a plan has chosen.
 
 A symbol is dead if it could not run even with unlimited resources (`heronry_dg.why_not.feasible`). Chosen are the
-modules that run and the inputs that are wired; a gate is chosen if it holds by what is wired below it.
+modules that run and the inputs that are wired. A gate is chosen if the wired inputs below it make it hold.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from heronry_dg.why_not import Feasible, feasible
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Both marks for one spec, situation and configuration; made by `marks`."""
+    """Both marks for one spec, situation and configuration; the function `marks` makes them."""
 
     spec: Spec
     found: Feasible
@@ -42,9 +42,9 @@ class Marks:
         return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
 
     def demux_dead(self, demux: Demux) -> bool:
-        """Tell whether a DEMUX has no input, or no branch that can run."""
-        branches = (self.spec.modules[branch] for branch in demux.branches)
-        return self.variable_dead(demux.variable) or all(self.module_dead(branch) for branch in branches)
+        """Tell whether a DEMUX has no input, or no end that can run."""
+        ends = (self.spec.modules[end] for end in demux.ends)
+        return self.variable_dead(demux.variable) or all(self.module_dead(end) for end in ends)
 
     def running(self, module: Module) -> Running | None:
         """How a module runs; None if it does not."""

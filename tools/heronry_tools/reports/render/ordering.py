@@ -1,8 +1,8 @@
 """The order of symbols within a column: layers with way-points, ordered so that few edges cross.
 
-An edge over several columns passes each of them at a way-point, so that it runs around the symbols there; all edges
-out of one symbol share their way-points, as one trunk. The order is found by barycentres, left to right and back
-(Sugiyama, Tagawa and Toda 1981); the best of all sweeps is taken.
+An edge over several columns passes each of them at a way-point, so that it runs around the symbols there. All edges out
+of one symbol share their way-points, as one trunk. The order is found by barycentres, left to right and back (Sugiyama,
+Tagawa and Toda 1981); the best order of all sweeps is taken.
 """
 
 from bisect import bisect_right
@@ -127,7 +127,7 @@ def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, 
 
 
 def _inversions(pairs: list[tuple[float, float]]) -> int:
-    """Count the crossings of lines (begin, end): how often one begins above another and ends below it."""
+    """Count the crossings of lines, each (begin, end): pairs of which one begins above the other and ends below it."""
     count, ends = 0, list[float]()
     for _, end in sorted(pairs):
         place = bisect_right(ends, end)

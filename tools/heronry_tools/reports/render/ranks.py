@@ -1,9 +1,9 @@
 """The column of each symbol: data flows to the right, sensors stand at the left and actuators at the right.
 
-A feedback edge is an edge out of a variable with an initial value that would close a cycle; it is left out here and
-drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far
-right. Each is tightened symbol by symbol, and the one with the shorter edges is taken. All steps follow the order of
-the graph, so that the same graph gives the same picture.
+A feedback edge leads out of a variable with an initial value and would close a cycle. It gets no rank here, and is
+drawn around the graph. Then two rankings are tried: every symbol as far left as possible, and every symbol as far right
+as possible. Each ranking is improved by moving single symbols, and the one with the shorter edges is taken. All steps
+follow the order of the graph, so that the same graph gives the same picture.
 """
 
 from collections.abc import Collection, Mapping
@@ -19,7 +19,7 @@ _SWEEPS = 12
 
 @dataclass(frozen=True, slots=True)
 class Ranks:
-    """Columns by symbol, and the edges that go against them, by their number in the graph."""
+    """The column of each symbol, and the edges that lead to the left, by their number in the graph."""
 
     of: Mapping[str, int]
     feedback: frozenset[int]
@@ -40,7 +40,7 @@ def ranked(graph: Graph) -> Ranks:
 
 
 def _feedback(graph: Graph) -> frozenset[int]:
-    """Find the fewest edges out of variables with initial values without which no cycle is left, one by one."""
+    """Find the fewest edges out of variables with initial values whose removal leaves no cycle, one by one."""
     successors: dict[str, list[str]] = {key: [] for key in graph.nodes}
     for edge in graph.edges:
         successors[edge.source].append(edge.target)
@@ -92,7 +92,7 @@ def _longest_paths(keys: Collection[str], pairs: list[tuple[str, str]]) -> dict[
 
 
 def _tightened(graph: Graph, edges: list[Edge], start: Mapping[str, int], last: int) -> dict[str, int]:
-    """Move symbols, sweep by sweep, to where their edges are shortest; the edges stay directed to the right."""
+    """Move symbols, in several sweeps, to where their edges are shortest; the edges still lead to the right."""
     ranks = dict(start)
     into: dict[str, list[str]] = {key: [] for key in graph.nodes}
     out_of: dict[str, list[str]] = {key: [] for key in graph.nodes}

@@ -56,7 +56,7 @@ def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Gr
 
 
 def _groups(graph: Graph) -> list[set[str]]:
-    """All symbols but variables, in groups that edges join."""
+    """All symbols except variables, in groups of symbols that edges join."""
     joined: dict[str, list[str]] = {key: [] for key in graph.nodes if not key.startswith(_VARIABLE)}
     for edge in graph.edges:
         if edge.source in joined and edge.target in joined:

@@ -1,7 +1,7 @@
-"""A graph as a picture: one SVG file that needs nothing else.
+"""A graph as a picture: one SVG file that needs no other file.
 
-Edges are drawn first, then chosen edges over them, then the symbols; sheet by sheet, where there are several sheets.
-Every symbol has its key in the file, and every edge its ends, so that programs can read the picture as well.
+Edges are drawn first, then chosen edges over them, then the symbols; if there are several sheets, sheet by sheet. Every
+symbol has its key in the file, and every edge has its ends, so that programs can read the picture as well.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """The paper's symbols as SVG elements: Figure 1 (module, variable), Figure 2 (gates), Figure 3 (devices).
 
-A symbol is drawn in its box. Dead ones are crossed out, chosen ones have bold lines, and the running mode's cell is
-filled.
+A symbol is drawn in its box. Dead symbols are crossed out, chosen symbols have bold lines, and the cell of the running
+mode is filled.
 """
 
 from collections.abc import Iterator

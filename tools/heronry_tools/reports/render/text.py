@@ -78,7 +78,7 @@ def _words(node: Node) -> Iterator[str]:
 
 
 def edge_words(graph: Graph, edge: Edge) -> str:
-    """What is said on an edge of a graph: the modes at its ends, and its versions."""
+    """The words on an edge of a graph: the modes at its ends, and its versions."""
     return "; ".join(_edge_words(graph, edge))
 
 

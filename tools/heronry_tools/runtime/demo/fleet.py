@@ -32,6 +32,7 @@ from heronry_manager.shell.control_place import ControlError, default_socket
 from heronry_manager.shell.control_protocol import Spoken
 from heronry_tools.analysis.made_ahead import Ahead
 from heronry_tools.console.errors import UserError
+from heronry_tools.reports.story import RUNS_KEPT
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_tools.runtime.table_files import write_tables
@@ -40,7 +41,6 @@ from heronry_wire.identifiers import FIRST_MANAGER
 _STOP_TIMEOUT_S = 5.0
 _HUB_PRIORITY, NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
 _NAME, _LOGS = "heronry-demo-", "heronry-logs-"
-_RUNS_KEPT = 5  # whose logs stay
 
 
 def run_folder() -> Path:
@@ -71,7 +71,7 @@ def keep_logs(folder: Path) -> Path:
     for log in folder.glob("*.log"):
         log.rename(kept / log.name)
     own = [one for one in kept.parent.glob(f"{_LOGS}{os.getuid()}-*") if one != kept]
-    for old in sorted(own, key=lambda one: one.stat().st_mtime)[: -_RUNS_KEPT + 1]:
+    for old in sorted(own, key=lambda one: one.stat().st_mtime)[: -RUNS_KEPT + 1]:
         shutil.rmtree(old, ignore_errors=True)
     return kept
 

@@ -2,9 +2,11 @@
 
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 
-The process starts when the first configuration runs, and gets only processor time that nobody else wants (SCHED_IDLE),
-so the flight is as it would be without it. The plans go into the user's cache (`made_ahead`). A demo that ends first
-ends the process: the plans that were found are kept, and the next demo continues from them.
+The process starts when the first configuration runs. It stands back behind the nodes (`_NICENESS`), and
+preempts none that has just woken (SCHED_BATCH). It gets a share of the processor all the same: on a computer that is
+busy with something else, a process that took only what nobody wants would never make a plan. The plans go into the
+user's cache (`made_ahead`). A demo that ends first ends the process: the plans that were found are kept, and the next
+demo continues from them.
 
     waiting --start()--> planning --its end--> told
                             |
@@ -21,6 +23,8 @@ from heronry_dg.model import Spec
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of, found_so_far, kept_contingencies, questions
 from heronry_tools.console.spec_argument import load_spec
 
+_NICENESS = 5  # a third of the share of a process that does not stand back; of a node of a privileged user, a tenth
+
 
 class PlanningAhead:
     """The process that plans."""
@@ -28,15 +32,17 @@ class PlanningAhead:
     def __init__(self, spec: Spec, file: Path) -> None:
         self._spec, self._file = spec, file
         self._process: subprocess.Popen[bytes] | None = None
+        self._found_before = 0
 
     def start(self) -> str:
         """Start the process, and say so."""
+        self._found_before = found_so_far(self._spec)
         command = [sys.executable, "-m", __name__, str(self._file)]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, process_group=0
         )
         return (
-            f"the {questions(self._spec)} plans for every single fault are made meanwhile, when the processor is free; "
+            f"the {questions(self._spec)} plans for every single fault are made meanwhile, behind the flight; "
             "this demo flies without them"
         )
 
@@ -61,9 +67,13 @@ class PlanningAhead:
         process.communicate()
         if kept_contingencies(self._spec) is not None:  # the process was about to end
             return self._complete()
+        found = found_so_far(self._spec)
+        kept = f"{found} of {questions(self._spec)} plans for single faults are made and kept"
+        if found > self._found_before:
+            return f"{kept}: the next demo continues"
         return (
-            f"{found_so_far(self._spec)} of {questions(self._spec)} plans for single faults are made and kept: "
-            "the next demo continues"
+            f"{kept}, none of them in this demo, which was too short for that on this computer: "
+            "a longer one (--for 60) makes them"
         )
 
     def _complete(self) -> str:
@@ -72,7 +82,8 @@ class PlanningAhead:
 
 def main() -> int:
     """Make the plans; returns 1 where they cannot be made or kept, which is said on standard error."""
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # its worker processes inherit that
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # its worker processes inherit that, and the next
+    os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     threading.Thread(target=_end_with_demo, daemon=True).start()
     return 0 if contingencies_of(load_spec(sys.argv[1]), Ahead.SINGLE_FAULTS) is not None else 1
 

@@ -11,6 +11,7 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.core.events import event
 from heronry_tools.analysis.made_ahead import Ahead, Source, can_plan_ahead, contingencies_of, kept_contingencies
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.output import expect_ending
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
@@ -18,8 +19,9 @@ from heronry_tools.runtime.demo import DEFAULT_SECONDS
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
+from heronry_tools.runtime.demo.ordered_telling import Tell
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
-from heronry_tools.runtime.demo.run import Show, Tell
+from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
 from heronry_tools.runtime.wake_ups import kept_heartbeat_ns, latest_wake_up_ns, with_heartbeat
 from heronry_wire import interruption
@@ -42,8 +44,12 @@ def play(arguments: argparse.Namespace) -> int:
         raise UserError(
             f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; give it longer"
         )
+    if arguments.no_kill and (arguments.kill or arguments.restore):
+        raise UserError("--no-kill flies without a kill; leave --kill and --restore out")
     if arguments.key is not None:
         read_key(arguments.key)
+    if arguments.record is not None:
+        expect_ending(arguments.record, {"log": (".log",)})
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         folder = run_folder()
@@ -75,7 +81,8 @@ def play(arguments: argparse.Namespace) -> int:
         if behind is not None:
             stack.callback(behind.close)
         show = Show(flown, fleet, choices, tell, behind)
-        return _run(show, fleet, tell, lambda: show.run(actions, seconds, record))
+        chosen = actions if actions or arguments.no_kill else None
+        return _run(show, fleet, tell, lambda: show.run(chosen, seconds, record))
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:

@@ -10,7 +10,7 @@ manager.
 
 import select
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
@@ -22,9 +22,10 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.ordered_telling import HELD_NS, OrderedTelling, Tell
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
-from heronry_tools.runtime.witness import Witness
+from heronry_tools.runtime.witness import Outage, Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.standstill import LatenessMeter, Standstills
@@ -34,11 +35,11 @@ GRACE_S = 15.0  # extra time for actions whose effect is not complete when the t
 LONG_SILENCE_NS = 1_000_000_000  # a silence of this length is reported while it lasts
 _LOOK_S = 0.1  # period of the check for outages
 
-Tell = Callable[[Mapping[str, Any]], None]
+_MOST_ALONE = 3  # functions that fall silent, or are heard again, at a time; more are told in one line
 
 
 class Show:
-    """One run of the demo; `tell` gets every event in order, and `behind` makes plans for the next run."""
+    """One run of the demo; `tell` gets every event in the order of their times, and `behind` plans for the next run."""
 
     def __init__(
         self,
@@ -48,8 +49,11 @@ class Show:
         tell: Tell,
         behind: PlanningAhead | None = None,
     ) -> None:
-        self._spec, self._fleet, self._choices, self._tell, self._behind = spec, fleet, choices, tell, behind
+        self._spec, self._fleet, self._choices, self._behind = spec, fleet, choices, behind
+        self._telling = OrderedTelling(tell)
+        self._is_waiting_told = False  # for what is under way when the time is up
         self._actions: list[DemoAction | PhaseAction] = []
+        self._has_default_actions = False
         self._seconds = 0.0
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
@@ -64,10 +68,15 @@ class Show:
         self._coming_back: set[str] = set()  # restored PEs that have not joined yet
         self.saw_failure = False  # a module has failed
 
-    def run(self, actions: Sequence[DemoAction | PhaseAction], seconds: float, record: IO[str] | None) -> int:
-        """Run these actions, for `seconds`; returns 0 if at the end every function of the plan is heard on the bus."""
-        self._actions, self._seconds = list(actions), seconds
+    def run(self, actions: Sequence[DemoAction | PhaseAction] | None, seconds: float, record: IO[str] | None) -> int:
+        """Run these actions, or those of `default_actions`, for `seconds`.
+
+        Returns 0 if at the end every function of the plan is heard on the bus.
+        """
+        self._has_default_actions = actions is None
+        self._actions, self._seconds = list(actions or ()), seconds
         with ExitStack() as stack:
+            stack.callback(self._telling.tell_until)
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
             for choice in self._choices.values():
                 self._emit(
@@ -77,7 +86,7 @@ class Show:
                     channel=choice.channel,
                     models=choice.describe(),
                 )
-            has_standby = any(isinstance(action, DemoAction) and action.pe == MANAGER for action in actions)
+            has_standby = any(isinstance(action, DemoAction) and action.pe == MANAGER for action in self._actions)
             self._events = EventStream(self._fleet.start_manager(standby=has_standby))
             self._managers[FIRST_MANAGER] = self._events
             if has_standby:
@@ -85,7 +94,7 @@ class Show:
             for pe in self._spec.pes:
                 self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
             self._loop(ears, record)
-        return self._summary()
+            return self._summary()
 
     def _loop(self, ears: Mapping[str, Ear], record: IO[str] | None) -> None:
         begun = time.monotonic()
@@ -102,6 +111,7 @@ class Show:
                 self._watch(name, ear, record)
             self._act()
             self._look()
+            self._telling.tell_until(time.monotonic_ns() - HELD_NS)
             words = self._fleet.ended()
             if words is not None:
                 raise UserError(words)
@@ -122,8 +132,18 @@ class Show:
         """Tell whether the time is up, and every action has had its effect or its extra time."""
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
-        well = self._pending is None and not self._unserved() and not self._coming_back
-        return well or self._show_s() >= self._seconds + GRACE_S
+        awaited = self._awaited()
+        if awaited and not self._is_waiting_told:
+            self._is_waiting_told = True
+            self._emit("overtime", awaited=awaited, at_most_s=GRACE_S)
+        return not awaited or self._show_s() >= self._seconds + GRACE_S
+
+    def _awaited(self) -> list[str]:
+        """List what is under way: an end in the middle of it would look like a fault."""
+        joining = [f"{pe} to join" for pe in sorted(self._coming_back)]
+        deploying = [] if self._pending is None else [f"{self._pending} to be complete"]
+        unserved = self._unserved()
+        return [*joining, *deploying, *([f"{', '.join(unserved)} to be heard"] if unserved else [])]
 
     def _show_s(self) -> float:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
@@ -138,7 +158,7 @@ class Show:
         if self._mute:
             return
         if one["event"] != "bus":  # the demo has reported it
-            self._tell(one)
+            self._telling.take(one)
         self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
             case "pe_joined":
@@ -154,13 +174,19 @@ class Show:
             case "reconfigured":
                 if self._pending == f"epoch {one['epoch']}":
                     self._pending = None
-                if self._start_ns is None:
-                    self._start_ns = one["t_ns"]
-                    self._actions = self._actions or [*default_actions(self._plan, self._seconds)]
-                    if self._behind is not None:
-                        self._emit("planned_ahead", sentence=self._behind.start())
+                self._begin(one["t_ns"])
             case _:
                 pass
+
+    def _begin(self, now_ns: int) -> None:
+        """Let the time of the demo begin with its first configuration."""
+        if self._start_ns is not None:
+            return
+        self._start_ns = now_ns
+        if self._has_default_actions:
+            self._actions = [*default_actions(self._plan, self._seconds)]
+        if self._behind is not None:
+            self._emit("planned_ahead", sentence=self._behind.start())
 
     def _watch(self, name: str, ear: Ear, record: IO[str] | None) -> None:
         for time_ns, frame in ear.hear():
@@ -194,13 +220,35 @@ class Show:
     def _look(self) -> None:
         now_ns = time.monotonic_ns()
         self._tell_plans(None if self._behind is None else self._behind.outcome())
-        for outage in self._witness.outages(now_ns):
-            over = outage.to_ns is not None
-            lasts = now_ns - outage.from_ns >= LONG_SILENCE_NS
-            key = (outage.function, outage.from_ns, over)
-            if (over or lasts) and key not in self._told and self._start_ns is not None:
-                self._told.add(key)
-                self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
+        if self._start_ns is None:
+            return
+        outages = [one for one in self._witness.outages(now_ns) if self._is_new(one, now_ns)]
+        for over in (False, True):
+            self._tell_outages([one for one in outages if (one.to_ns is not None) == over], now_ns)
+
+    def _is_new(self, outage: Outage, now_ns: int) -> bool:
+        """Tell whether an outage is over, or lasts long, and has not been told as that; notes that it is now."""
+        over = outage.to_ns is not None
+        key = (outage.function, outage.from_ns, over)
+        if key in self._told or not (over or now_ns - outage.from_ns >= LONG_SILENCE_NS):
+            return False
+        self._told.add(key)
+        return True
+
+    def _tell_outages(self, outages: Sequence[Outage], now_ns: int) -> None:
+        """Tell outages that have begun, or ended, at a time: one by one, or many in one line."""
+        gathered = len(outages) > _MOST_ALONE
+        for one in outages:
+            self._emit("outage", function=one.function, from_ns=one.from_ns, to_ns=one.to_ns, gathered=gathered)
+        if gathered:
+            lengths = [(now_ns if one.to_ns is None else one.to_ns) - one.from_ns for one in outages]
+            self._emit(
+                "outages",
+                functions=[one.function for one in outages],
+                over=outages[0].to_ns is not None,
+                shortest_ns=min(lengths),
+                longest_ns=max(lengths),
+            )
 
     def _tell_plans(self, sentence: str | None) -> None:
         if sentence is not None:
@@ -225,4 +273,4 @@ class Show:
         return 1 if unserved or self._witness.rivals or self._pending is not None else 0
 
     def _emit(self, kind: str, **data: Any) -> None:
-        self._tell(make_event(kind, time.monotonic_ns(), **data))
+        self._telling.take(make_event(kind, time.monotonic_ns(), **data))

@@ -1,4 +1,4 @@
-"""The check of this computer: its Python and packages, whether its kernel supports CAN, how late it wakes a process."""
+"""The check of this computer: its Python and packages, its kernel's support for CAN, how late it wakes a process."""
 
 import platform
 import socket

@@ -1,11 +1,11 @@
-"""One result of a check: right or not, in one sentence, and what to type where it is not."""
+"""One result of a check, in one sentence; if something is wrong, also the command line or sentence that helps."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding. `check`: the word to filter by; `remedy`: a command line or a sentence, None where all is right."""
+    """One finding. `check`: a word to filter by. `remedy`: a command line or a sentence; None where all is right."""
 
     check: str
     says: str

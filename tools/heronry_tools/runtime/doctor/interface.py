@@ -1,4 +1,4 @@
-"""The check of a SocketCAN interface, from the kernel's data about it."""
+"""The check of a SocketCAN interface, by the values that the kernel gives for it."""
 
 from collections.abc import Iterator
 

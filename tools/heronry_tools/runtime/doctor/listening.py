@@ -1,4 +1,4 @@
-"""The check of a bus by listening for a while: no node, no manager or two, two nodes with one node-ID.
+"""The check of a bus by listening for a while: it finds no node, no manager or two, two nodes with one node-ID.
 
 Only received frames are assessed: `Hearing` takes frames and clock readings, `assess_hearing` makes findings of them.
 """
@@ -68,7 +68,7 @@ class Hearing:
                     seen.append(page.incarnation)
 
     def take_copy(self, channel: str, frame: Frame) -> None:
-        """Note that a node is heard on a channel of a replicated bus; `take` gets one copy of the frame."""
+        """Note that a node is heard on a channel of a replicated bus; `take` gets only one of the two copies."""
         speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
         if speaker is not None and not (frame.extended or frame.remote or frame.error):
             self.on_channel[channel].add(speaker)

@@ -1,11 +1,11 @@
 """The place of a bus in the file system: at most one hub at a path, and no dead socket in the way.
 
-What it decides: a socket that refuses connections was left by a hub that crashed, and is taken over; one
-that accepts them belongs to a living hub, which is left alone. The probe and the bind are one step under a
-lock on the folder, so that two hubs which start together cannot both take over.
+A socket that refuses connections was left by a hub that crashed; this file takes its path over. A socket that accepts
+connections belongs to a living hub, and is left alone. The probe and the bind are one step under a lock on the folder,
+so that two hubs which start together cannot both take the path over.
 
-What if: the folder is not there, is not writable, or the path is something else than a socket: HubError
-says so. The socket is removed at the end, unless another hub has taken the path meanwhile.
+Raises HubError if the folder does not exist or is not writable, or if the path is not a socket. The socket is removed
+at the end, unless another hub has taken the path meanwhile.
 """
 
 import fcntl
@@ -42,7 +42,7 @@ class Address:
             raise
         except OSError as error:
             self.listener.close()
-            raise HubError(f"{path}: no hub can run there: {error.strerror or error}") from error
+            raise HubError(f"{path}: no bus can run there: {error.strerror or error}") from error
         self.listener.setblocking(False)
 
     def close(self) -> None:
@@ -79,4 +79,4 @@ def _clear(path: Path) -> None:
             return
         except BlockingIOError:
             pass  # it listens, and is busy
-    raise HubError(f"{path}: a hub runs there already; use it, or choose another path")
+    raise HubError(f"{path}: a bus runs there already; use it, or choose another path")

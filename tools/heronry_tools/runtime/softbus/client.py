@@ -1,20 +1,21 @@
 """The python-can interface `softbus`: `can.Bus(interface="softbus", channel=NAME)`, or a path (`place`).
 
-What it decides: nothing; it maps python-can's calls to the two sockets of `protocol.py`.
+This file decides nothing; it maps python-can's calls to the two sockets of `protocol.py`.
 
-Sending: the transmit mailbox holds one frame. `send` returns once its frame is in the mailbox, so it waits
-(up to its time-out) only while the frame before is still contending for the bus. A sender that keeps its own
-priority queue opens the bus with `receive_own_messages=True` and sends the next frame when the echo of the
-last one comes in, as on SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hold
-back echoes too. Tell an echo by its identifier and data: `is_rx` is False for exactly the own frames here,
-but SocketCAN in python-can 4.6.1 says so of every frame from the same host.
+*Sending.* The transmit mailbox holds one frame. `send` returns once its frame is in the mailbox, so it waits (up to its
+time-out) only while the frame before is still contending for the bus. A sender that keeps its own priority queue opens
+the bus with `receive_own_messages=True`. It sends the next frame when the echo of the last one comes in, as on
+SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hold back echoes too. A caller should
+recognize an echo by its identifier and data. (Here `is_rx` is False for exactly the own frames, but SocketCAN in
+python-can 4.6.1 sets it to False for every frame from the same host.)
 
-Receiving: filters act in the hub; timestamps are the end of the frame on the bus, in `time.time()` terms
-as that clock stood when the hub started; `StampedMessage` has the same in CLOCK_MONOTONIC, which nobody sets.
-`fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
+*Receiving.* Filters act in the hub. A timestamp is the end of the frame on the bus, as a time of `time.time()` by the
+setting of that clock at the start of the hub. `StampedMessage` has the same time in CLOCK_MONOTONIC, which cannot be
+set. `fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
 
-What if: no hub, another bit rate, a CAN FD request: CanInitializationError. The hub ends: CanOperationError
-from the next call, and from one that waits. Too slow a reader loses the newest frames: `statistics()` counts.
+*Errors.* No hub, another bit rate, or a request for CAN FD: CanInitializationError. If the hub ends, the next call
+raises CanOperationError, and so does a call that waits. A reader that is too slow loses the newest frames;
+`statistics()` counts them.
 """
 
 import os
@@ -26,7 +27,7 @@ import can
 from can.typechecking import AutoDetectedConfig, CanFilters
 
 from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
-from heronry_tools.runtime.softbus.place import DEFAULT_NAME, how_to_start, path_to_call
+from heronry_tools.runtime.softbus.place import DEFAULT_NAME, BusNameError, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
@@ -45,7 +46,7 @@ _LINGER_S = 1.0
 class SoftBus(can.BusABC):
     """A python-can bus on the hub at `channel`: the name of the bus, or the path of its UNIX socket.
 
-    `bitrate` may be left out; else it must be the hub's. Raises CanInitializationError with a remedy.
+    `bitrate` may be left out; if given, it must be that of the hub. Raises CanInitializationError with a remedy.
     """
 
     def __init__(
@@ -73,9 +74,12 @@ class SoftBus(can.BusABC):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put a frame into the transmit mailbox; wait up to `timeout` (s, None: without end) until it is empty.
+        """Put a frame into the transmit mailbox.
 
-        Raises CanOperationError when it stays full or the hub is gone, ValueError for a message that is no CAN frame.
+        Wait up to `timeout` (s, None: without end) until the mailbox is empty.
+
+        Raises CanOperationError when the mailbox stays full or the hub is gone, ValueError for a message that is no CAN
+        frame.
         """
         self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 
@@ -92,7 +96,7 @@ class SoftBus(can.BusABC):
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Let the bus behave as a bad radio, for all clients until the next call; without arguments as a wire.
+        """Make the bus as bad as a radio, for all clients until the next call; without arguments as good as a wire.
 
         slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
         """
@@ -103,7 +107,7 @@ class SoftBus(can.BusABC):
         return self._receive.fileno()
 
     def shutdown(self) -> None:
-        """Let the frame in the mailbox go, for up to a second, and leave the bus."""
+        """Wait up to a second until the frame in the mailbox has left, and leave the bus."""
         if self._is_shutdown:
             return
         super().shutdown()
@@ -118,7 +122,7 @@ class SoftBus(can.BusABC):
     def _from_bus(self, record: bytes) -> can.Message:
         received = decode_frame(record)
         if isinstance(received, Malformed):
-            raise can.CanOperationError(f"{self._path}: the hub sent what is no frame: {received.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus sent what is no frame: {received.reason}")
         frame = received.frame
         return StampedMessage(
             received.time_ns,
@@ -164,12 +168,12 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
                 answer = link.ask(hello, hub_end)
                 hub_bitrate, day_offset_ns = answer["bitrate"], int(answer["day_offset_ns"])
-            except can.CanOperationError as error:
+            except (can.CanOperationError, BusNameError) as error:
                 raise can.CanInitializationError(str(error)) from error
             except RuntimeFolderError as error:
                 raise can.CanInitializationError(f"{error}: name the bus by a path") from error
             except OSError as error:
-                reason = f"{path}: no hub answers there ({error.strerror or error}); {how_to_start(path)}"
+                reason = f"{path}: no bus answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error
         if bitrate not in {None, hub_bitrate}:
             remedy = "leave the bit rate out, or give the same"

@@ -1,21 +1,20 @@
 """The hub: one process that is the bus. A single `select` loop, no threads, no locks.
 
-What it decides: which clients may connect, and when each frame that `line.py` lets through goes to which client.
+The hub decides which clients may connect, and passes each frame that `line.py` lets through to the clients.
 
-Each round notes the time, reads everything that has arrived by then, and only then lets the
-line advance to the noted time: no offer made earlier is overlooked. After a round that slept, the next one
-looks again without sleeping before it decides. `select` is used because its time-out counts microseconds;
-the one of `epoll` counts whole milliseconds.
+Each round notes the time, reads everything that has arrived by then, and only then lets the line advance to the noted
+time: so no offer made earlier is overlooked. After a round that slept, the next round looks again without sleeping
+before it decides. `select` is used because its time-out counts microseconds; that of `epoll` counts whole milliseconds.
 
-Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started: a clock
-that is set later changes the date of no frame and no interval between two of them.
+Frames are stamped with CLOCK_MONOTONIC. Clients date them by the system clock as it stood when the hub started. So if
+the clock is set later, neither the date of a frame nor the interval between two frames changes.
 
-A bus can be made a bad radio (`disturb`): bits take longer, receivers miss frames, each its own. The sender cannot see
-the latter: its frame has left.
+A bus can be made as bad as a radio (`disturb`): bits take longer, and each receiver misses frames of its own. The
+sender does not notice a missed frame, since the frame has left.
 
-What if: a client is slow, stopped or dead: `port.py`. A client breaks the protocol: it gets the reason and is removed.
-The hub dies: its clients read the end of both sockets. It restarts: they connect anew; nothing was stored. Two hubs,
-one path: `address.py`. Its starter dies, even of SIGKILL: `starter.py`.
+Errors: `port.py` handles a client that is slow, stopped or dead. A client that breaks the protocol gets the reason and
+is removed. If the hub dies, its clients read the end of both sockets; if it restarts, they connect anew, and nothing
+was stored. `address.py` handles two hubs with one path, `starter.py` the death of the hub's starter, even by SIGKILL.
 """
 
 import ctypes
@@ -130,7 +129,7 @@ class Hub:
         match decode_command(record), descriptors:
             case {"do": "hello", "protocol": version, "own": bool(own)}, [descriptor]:
                 if version != PROTOCOL_VERSION:
-                    problem = f"the hub speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
+                    problem = f"the bus speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
                 elif len(self._ports) > MAX_CLIENTS:
                     problem = f"the bus has {MAX_CLIENTS} clients already, which is its limit"
                 elif port.join(descriptor, wants_own=own):

@@ -1,21 +1,20 @@
 """The line: which of the offered frames is on the bus, and from when to when.
 
-What it decides: like CAN arbitration, the bus goes to the highest priority among the frames that are offered
-when it falls idle, and stays occupied for the exact length of that frame (stuff bits, intermission) at the
-bit rate.
+As in CAN arbitration, the bus goes to the highest priority among the frames that are offered when it becomes idle. It
+is then busy for the exact length of that frame (stuff bits, intermission) at the bit rate.
 
-Time is that of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer)
-and ends one frame time later; `advance` is merely told how late it is. A hub that wakes late therefore
-delivers late, and the lateness neither adds up nor reduces the bandwidth: the next frame has started in time.
+Time is that of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer) and ends
+one frame time later. If the hub wakes late, it calls `advance` late and delivers frames late. But delays do not add up,
+and the bandwidth stays the same, because the next frame has started in time.
 
 States: idle, or one frame on the air. A client has at most one frame offered or on the air.
 
-What if: a client leaves: its offered frame is withdrawn, its frame on the air completes, as that of a
-controller whose processor has died. Two clients with one identifier: an error on a real bus where their
-data differ; here the one that offered first wins.
+If a client leaves, its offered frame is withdrawn. Its frame on the air completes, as that of a controller whose
+processor has died. If two clients offer one identifier, the client that offered first wins; on a real bus this is an
+error where their data differ.
 
-The caller guarantees: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`.
-No frame is started later than `now_ns`, so no offer that comes afterwards could have won against it.
+The caller guarantees: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`. No frame is
+started later than `now_ns`, so no offer that comes afterwards could have won against it.
 """
 
 from typing import NamedTuple

@@ -1,13 +1,13 @@
 """The command socket of a client: one frame in the mailbox, and one answer to each command.
 
-What it decides: whether the next frame may be offered. The mailbox is full from the offer until the hub's
-`DONE` has been read, which happens when a caller sends, gives a command, or waits for the mailbox.
+The link decides whether the next frame may be offered. The mailbox is full from the offer until the hub's `DONE` has
+been read, which happens when a caller sends, gives a command, or waits for the mailbox.
 
-Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for it counts
-towards the caller's time-out. The time-out None waits for ever, 0 not at all.
+Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for the lock counts
+towards the caller's time-out. With the time-out None a call waits for ever, with 0 not at all.
 
-What if: the hub is gone (the socket ends) or refuses this client: CanOperationError with a sentence. The hub
-is stopped: offers time out, and a command does after some seconds.
+If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError with a sentence. If the hub
+is stopped, offers time out, and commands time out after some seconds.
 """
 
 import errno
@@ -64,14 +64,14 @@ class Link:
             return self._wait_for_mailbox(deadline_s)
 
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
-        """Send a command, with sockets to pass on, and return its answer; CanOperationError when none comes."""
+        """Send a command, with sockets to pass on, and return its answer; CanOperationError if no answer comes."""
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)
             self._commands += 1
             while self._answered < self._commands:
                 if not self._take_in(deadline_s):
-                    raise CanOperationError(f"{self._path}: the hub does not answer")
+                    raise CanOperationError(f"{self._path}: the bus does not answer")
             return self._answer
 
     def close(self) -> None:
@@ -114,9 +114,9 @@ class Link:
     def _checked(self, record: bytes) -> dict[str, Any]:
         answer = decode_command(record)
         if isinstance(answer, Malformed):
-            raise CanOperationError(f"{self._path}: the hub's answer is not understood: {answer.reason}")
+            raise CanOperationError(f"{self._path}: the bus's answer is not understood: {answer.reason}")
         if "refused" in answer:
-            raise CanOperationError(f"{self._path}: the hub refuses this client: {answer['refused']}")
+            raise CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
         return answer
 
 
@@ -145,4 +145,4 @@ def deadline_after(timeout_s: float | None) -> float | None:
 
 def hub_is_gone(path: str) -> CanOperationError:
     """Return the error for a hub that has ended, or for a bus that this process has shut down."""
-    return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)}")
+    return CanOperationError(f"{path}: the bus is gone; {how_to_start(path)}")

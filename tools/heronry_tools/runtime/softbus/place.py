@@ -6,22 +6,42 @@
 So `heronry softbus` in one terminal and `-i softbus -c can0` in any other are the same bus.
 """
 
+import re
 from pathlib import Path
 
+from heronry_wire.errors import HeronryError
 from heronry_wire.runtime_folder import RuntimeFolderError, owned_folder, runtime_folder, trusted_folder
 
 DEFAULT_NAME = "can0"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,31}", re.ASCII)
 _SUFFIX = ".bus"
 
 
+class BusNameError(HeronryError, ValueError):
+    """A text is neither a path nor the name of a bus; the message says what to write."""
+
+
 def path_to_listen(channel: str) -> Path:
-    """Give the path for a hub, in a folder that exists if `channel` is a name; raises RuntimeFolderError."""
-    return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{channel}{_SUFFIX}"
+    """Give the path for a hub, in a folder that exists if `channel` is a name.
+
+    Raises RuntimeFolderError, and BusNameError for what is neither a path nor a name.
+    """
+    return Path(channel) if _is_path(channel) else owned_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
 
 
 def path_to_call(channel: str) -> Path:
-    """Give the path of a bus for its clients; raises RuntimeFolderError if its folder is another user's."""
-    return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{channel}{_SUFFIX}"
+    """Give the path of a bus for its clients.
+
+    Raises RuntimeFolderError if its folder is another user's, and BusNameError for what is neither a path nor a name.
+    """
+    return Path(channel) if _is_path(channel) else trusted_folder(runtime_folder()) / f"{_checked(channel)}{_SUFFIX}"
+
+
+def _checked(name: str) -> str:
+    if _NAME.fullmatch(name) is None:
+        allowed = "write letters, digits, '_', '-' and '.', at most 32, or a path with a slash"
+        raise BusNameError(f"'{name}' is no name of a bus; {allowed}")
+    return name
 
 
 def how_to_start(channel: str) -> str:

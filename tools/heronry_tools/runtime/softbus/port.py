@@ -1,12 +1,12 @@
 """One client as the hub sees it: its two sockets, its acceptance filters, its bounded receive queue.
 
-What it decides: which frames a client gets, and that a client which does not read delays no other one. The
-kernel buffers a few hundred frames for it, the port some thousands more; after that the newest are dropped
-and counted, as a controller overruns.
+The port decides which frames its client gets. It ensures that a client which does not read delays no other client: the
+kernel buffers a few hundred frames for the client, and the port some thousands more. After that the newest frames are
+dropped and counted, as in an overrun of a controller.
 
-States: unknown until its hello has brought the receive socket; without frames until it has set its filters for the
-first time, so that none passes unfiltered; then joined; gone once any call on its sockets has failed. A gone port does
-nothing more and waits for the hub to remove it.
+States: unknown until its hello has brought the receive socket; then without frames until it has set its filters for the
+first time, so that no frame passes unfiltered; then joined; gone once any call on its sockets has failed. A gone port
+does nothing more and waits for the hub to remove it.
 """
 
 import socket
@@ -108,7 +108,10 @@ class Port:
         return verdict
 
     def confirm(self, sent: BusFrame) -> None:
-        """Empty the mailbox, as its frame has left the bus; then echo the frame to a client that wants its echoes."""
+        """Empty the mailbox, because its frame has left the bus.
+
+        Then echo the frame to a client that wants its echoes.
+        """
         self.mailbox_full = False
         self._sent += 1
         self.answer(DONE)

@@ -2,16 +2,16 @@
 
 A client has two sockets, both SOCK_SEQPACKET, so that one record is one read:
 
-- the *command* socket is its connection to the hub's path. The client says hello, sets filters, asks for
-  statistics (each is answered by one JSON record) and offers frames (each is answered by `DONE` when it has
-  left the bus). It offers the next frame only after that: a transmit mailbox for one frame, so that the
-  client's own priority queue decides what comes next.
-- the *receive* socket carries frames from the hub, and nothing else. Its hub end travels with the hello.
-  Separate sockets keep a thread that waits to send and a thread that receives out of each other's way.
+- The *command* socket is its connection to the hub's path. The client says hello, sets filters and asks for statistics;
+  each of these is answered by one JSON record. It also offers frames; each is answered by `DONE` when it has left the
+  bus. The client offers the next frame only after that. So this is a transmit mailbox for one frame, and the client's
+  own priority queue decides which frame comes next.
+- The *receive* socket carries frames from the hub, and nothing else. Its hub end travels with the hello. Because the
+  sockets are separate, a thread that waits to send does not block a thread that receives.
 
-What if: records are neither lost nor doubled on a UNIX socket; its end (an empty read) means that the other
-side is gone. Bytes that break these rules are a `Malformed` value: the hub refuses that client with the
-reason, and serves the others.
+Records are neither lost nor doubled on a UNIX socket. The end of a socket (an empty read) means that the other side is
+gone. Bytes that break these rules are a `Malformed` value: the hub refuses that client with the reason, and serves the
+others.
 """
 
 import json
@@ -92,7 +92,10 @@ def decode_command(record: bytes) -> dict[str, Any] | Malformed:
 
 
 class AcceptanceFilter(NamedTuple):
-    """Accepts the identifiers that equal `can_id` under `mask`; of one format, or of both when None."""
+    """Accepts the identifiers that equal `can_id` under `mask`.
+
+    Of one format, or of both formats when `extended` is None.
+    """
 
     can_id: int
     mask: int
@@ -129,7 +132,7 @@ class ClientStatistics(NamedTuple):
 
 
 class BusStatistics(NamedTuple):
-    """Counters of the hub since its start; take two and subtract for a rate."""
+    """Counters of the hub since its start; the difference of two readings gives a rate."""
 
     bitrate: int
     time_ns: int

@@ -1,9 +1,9 @@
-"""Start a hub as a process of its own that never outlives the process that started it.
+"""Starts a hub as a process of its own that never outlives the process that started it.
 
-The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the
-pipe ends, and the hub with it. (The kernel's own "signal when my parent dies" is tied to the thread that
-started the hub, and is cleared by some execs; a pipe has neither trap.) A child that is forked here without
-exec inherits the write end and keeps the hub alive: use the "spawn" start method of multiprocessing.
+The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the pipe ends,
+and the hub with it. (The kernel's own "signal when my parent dies" is not used: it is tied to the thread that started
+the hub, and is cleared by some execs.) A child that is forked here without exec inherits the write end and keeps the
+hub alive: use the "spawn" start method of multiprocessing.
 
 States: running from the moment that the constructor returns; then killed or closed.
 """
@@ -46,7 +46,7 @@ class HubProcess:
         if not self._process.stdout.readline():
             _, reason = self._process.communicate()
             last = reason.strip().rpartition("\n")[2].removeprefix("heronry: ")
-            raise HubError(last or "the hub ended without a message")
+            raise HubError(last or "the bus ended without a message")
 
     @property
     def pid(self) -> int:
@@ -66,9 +66,9 @@ class HubProcess:
             _, complaint = self._process.communicate(timeout=_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise HubError(f"the hub at {self.path} did not stop and was killed") from None
+            raise HubError(f"the bus at {self.path} did not stop and was killed") from None
         if self._process.returncode > 0:
-            raise HubError(f"the hub at {self.path} failed: {complaint.strip()}")
+            raise HubError(f"the bus at {self.path} failed: {complaint.strip()}")
 
     def __enter__(self) -> Self:
         return self

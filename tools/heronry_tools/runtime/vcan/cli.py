@@ -1,8 +1,8 @@
-"""The command line of tools/with-vcan: it parses, chooses where to run, and turns every ending into one exit code.
+"""The command line of tools/with-vcan: parses it, chooses where to run the command, and gives one exit code.
 
-Exit codes: the command's own (128 + n if signal n ended it), else 124 time ran out, 125 could not be run at all, 126 no
-program, 127 not found: the numbers of timeout(1) and the shells. When a signal stops this program, it cleans up and
-ends by that signal.
+Exit codes: the command's own (128 + n if signal n ended it). If the command did not end by itself: 124 time ran out,
+125 it could not be run at all, 126 it is no program, 127 it was not found. These are the numbers of timeout(1) and the
+shells. When a signal stops this program, it cleans up and ends by that signal.
 """
 
 import argparse
@@ -55,7 +55,7 @@ exit codes:
 
 
 class _Stopped(BaseException):
-    """A signal has come that stops this program. Not an Exception, so that no handler takes it for a failure."""
+    """A signal has come that stops this program; not an Exception, so that no handler takes it for a failure."""
 
     def __init__(self, signal_number: int) -> None:
         super().__init__(signal_number)
@@ -112,14 +112,14 @@ def _interface_names(text: str) -> list[str]:
 
 
 def _can_utils() -> Path | None:
-    """Give the folder with candump and cansend where they must be fetched; None where they are installed."""
+    """Give the folder with candump and cansend if they had to be fetched; None if they are installed."""
     if shutil.which("candump") and shutil.which("cansend"):
         return None
     return debian_packages.unpacked("can-utils") / "usr" / "bin"
 
 
 def _can_utils_if_to_be_had() -> Path | None:
-    """Do as _can_utils; give None where the tools cannot be fetched, since the command may not need them."""
+    """Do as `_can_utils` does, but give None if the tools cannot be fetched, since the command may not need them."""
     try:
         return _can_utils()
     except CannotRunError as error:

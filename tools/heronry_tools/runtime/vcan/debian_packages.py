@@ -1,11 +1,12 @@
 """Debian packages unpacked into the user's cache, without root and without installing anything.
 
-`unpacked("user-mode-linux")` returns the folder that holds the package's files as they would lie under ``/``. A
-package is fetched once per distribution release and processor and then stays, so every later call costs one `stat`.
+`unpacked("user-mode-linux")` returns the folder that holds the package's files as they would lie under ``/``. A package
+is fetched once per distribution release and processor and then stays, so every later call needs one `stat`.
 
-States of a package's folder: absent, or complete. It is unpacked under a fixed staging name and renamed in one step, by
-one process at a time (a lock file, which the kernel releases when its holder dies): no process ever sees half a
-package, two callers that start together fetch it once, and what a killed fetch left is cleared by the next.
+A package's folder is either absent or complete. The package is unpacked under a fixed staging name, and the folder is
+renamed in one step, by one process at a time (a lock file, which the kernel releases when its holder dies). So no
+process ever sees half a package, two callers that start together fetch it once, and the next fetch removes the remains
+of a killed one.
 
 The system's own package lists are tried first. If they are missing or too old (a fresh container), lists are fetched
 into the staging folder and used from there: the system's own state is never changed.

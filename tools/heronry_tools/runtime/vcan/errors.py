@@ -1,4 +1,4 @@
-"""The one exception of this package: something outside this program is not as needed."""
+"""The one exception of this package, for a condition outside this program that keeps the command from running."""
 
 
 class CannotRunError(Exception):

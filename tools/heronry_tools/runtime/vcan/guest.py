@@ -1,8 +1,8 @@
 """The first process inside a user-mode Linux: it makes the CAN interfaces, runs a command, and powers off.
 
-The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. Only json, and
-what it and a starting Python hold already, are imported (no pathlib, no subprocess, nothing of this package): an
-import costs up to 0.1 s here.
+The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. It imports only json, and
+modules that json or a starting Python has loaded already (no pathlib, no subprocess, no module of this package): an
+import takes up to 0.1 s here.
 
 States: set up -> command runs -> power off; it never goes back. Whatever fails before the command runs becomes the
 `failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no result.
@@ -38,7 +38,7 @@ def busybox(job: "Job", *words: str) -> None:
 
 
 def mount_system(job: "Job") -> None:
-    """Give the guest a system of its own over the host's files. The kernel has mounted /dev already."""
+    """Mount the guest's own /proc, /sys and the like over the host's files; the kernel has mounted /dev already."""
     for kind, place in MOUNTS:
         os.makedirs(place, exist_ok=True)
         busybox(job, "mount", "-t", kind, kind, place)
@@ -73,7 +73,10 @@ def prepare_terminal(job: "Job") -> None:
 
 
 def become_command(job: "Job") -> None:
-    """In the child: take the caller's place and identity, then the command's program. Returns only by an OSError."""
+    """In the child: take over the caller's folder and identity, and run the command's program.
+
+    Returns only by an OSError.
+    """
     os.setsid()
     write = os.O_WRONLY | os.O_APPEND | os.O_NOCTTY
     # A terminal that is opened here becomes the one that controls this session: Ctrl-C ends what runs in it.
@@ -92,7 +95,7 @@ def become_command(job: "Job") -> None:
 
 
 def run_command(job: "Job") -> int:
-    """Run the command to its end and return its exit code; orphans it leaves are reaped on the way, as init must."""
+    """Run the command to its end and return its exit code; also reap its orphans meanwhile, as init must."""
     child = os.fork()
     if child == 0:
         try:
@@ -130,7 +133,10 @@ def carry_out(job: "Job") -> "Result":
 
 
 def main() -> None:
-    """Do the job whose file is the one argument, then power off. The result file gets its name when it is complete."""
+    """Do the job whose file is the only argument, then power off.
+
+    The result is written under another name, and gets its own name when it is complete.
+    """
     with open(sys.argv[1], encoding="utf-8") as file:
         job: Job = json.load(file)
     result = carry_out(job)

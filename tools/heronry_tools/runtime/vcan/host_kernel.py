@@ -1,8 +1,8 @@
-"""Run one command on this kernel, with the CAN interfaces it has already or can make.
+"""Runs one command on this kernel, with the CAN interfaces that exist already or can be made.
 
-`interfaces_up` makes what is missing and removes, afterwards, exactly what it made. Interfaces that were there stay
-as they were; one that is down is reported, not changed. Making one needs root and the kernel's vcan module; without
-either, UnavailableError is raised and nothing is left behind.
+`interfaces_up` makes the interfaces that are missing and removes, afterwards, exactly those that it made. Interfaces
+that existed stay as they were; if one of them is down, that is reported, not changed. Making an interface needs root
+and the kernel's vcan module; without either, UnavailableError is raised and nothing is left behind.
 """
 
 import os

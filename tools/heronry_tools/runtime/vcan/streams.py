@@ -1,11 +1,12 @@
 """Carries a command's output from a user-mode Linux to this program's stdout and stderr while it is written.
 
-Into a terminal: through a console of the guest and a pipe, so that the command sees a terminal of the same size. Into
-anything else: through a file that both sides see, followed as it grows, so that the command sees no terminal and no
-byte is lost when the guest stops. Where stdout and stderr go to one place they share one file, which keeps their order.
+Output to a terminal goes through a console of the guest and a pipe, so that the command sees a terminal of the same
+size. Any other output goes through a file that both sides see, and this program follows the file as it grows. So the
+command sees no terminal, and no byte is lost when the guest stops. If stdout and stderr go to one place they share one
+file, which keeps their order.
 
-Where stdin and stdout are a terminal, what is typed goes to the command, by a second pipe into the same console. The
-user's terminal is raw then, so that every key, and Ctrl-C, is the guest's terminal's to interpret. Else the command's
+If stdin and stdout are a terminal, what the user types goes to the command, by a second pipe into the same console. The
+user's terminal is raw then, so that the guest's terminal interprets every key, and Ctrl-C. Otherwise the command's
 standard input is empty.
 """
 

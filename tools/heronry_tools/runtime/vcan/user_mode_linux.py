@@ -1,13 +1,14 @@
-"""Run one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
+"""Runs one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
 
-What it does: boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out
-while it is written, and returns the exit code that the guest left. No privilege is used: to the host's files the
-guest can do what its caller can.
+This file boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out while it
+is written, and returns the exit code that the guest left. No privilege is used: to the host's files the guest can do
+what its caller can.
 
-What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too long
-(ExpiredError), a signal stops this program (an exception from its handler). In each case the guest's process group is
-killed; if this program is killed itself, the host's kernel kills the guest. All traces are in one temporary folder; the
-guest's memory is an unlinked file.
+Three things can go wrong: the guest's kernel stops early (no result file: its last output is shown), the command runs
+too long (ExpiredError), or a signal stops this program (an exception from its handler). In each case the guest's
+process group is killed. If this program is killed itself, a shell that waits for that kills the group, and the host's
+kernel kills the guest's first process. All traces are in one temporary folder; the guest's memory is a file without a
+name, which disappears with the guest.
 """
 
 import ctypes
@@ -37,6 +38,7 @@ POLL_S = 0.02
 MODULES = ("can-dev", "can", "can-raw", "can-bcm", "can-gw", "vcan")  # each after those it needs
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
 TAIL_LINES = 12
+_KILL_GROUP_AT_EOF = 'read -r _; kill -s KILL -- "-$1"'
 
 
 def run(command: Command, interfaces: list[str], expired: Callable[[], bool]) -> int:
@@ -102,7 +104,7 @@ def _modules(kernel: Path) -> list[str]:
 
 
 def _build_xstate(library: Path) -> None:
-    """Compile xstate.c, whose head says what it is for; it takes milliseconds, so it is made anew each time."""
+    """Compile xstate.c (its head says what it is for); this takes milliseconds, so the result is not kept."""
     tcc = debian_packages.unpacked("tcc")
     runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
     source = Path(__file__).with_name("xstate.c")
@@ -181,10 +183,24 @@ def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess
             start_new_session=True,
             preexec_fn=_die_with_parent,  # noqa: PLW1509 - this program has one thread
         )
+    guard = _guard(process.pid)
     try:
         yield process
     finally:
         _kill_group(process)
+        guard.kill()
+        guard.communicate()
+
+
+def _guard(group: int) -> "subprocess.Popen[bytes]":
+    """Start what kills a process group when this program has ended in any way: only this program holds the pipe."""
+    return subprocess.Popen(
+        ["sh", "-c", _KILL_GROUP_AT_EOF, "sh", str(group)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
 
 
 def _die_with_parent() -> None:

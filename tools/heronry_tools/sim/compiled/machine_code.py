@@ -2,7 +2,7 @@
 
 A campaign of thousands of flights needs speed, but must fly the cores that fly in an aircraft. mypyc, a part of mypy,
 translates typed Python to C. A copy of all packages is compiled in the user's cache folder; Python imports the compiled
-form of a module if it stands beside the module's source. No compiled module knows that it is compiled.
+form of a module if it stands beside the module's source. No module behaves differently because it is compiled.
 
 The folder of a copy is named by the digest of sources, specs, Python and mypy, so changed sources give another copy,
 and no stale copy is flown. One process at a time makes a copy under another name, and renames it when it is complete. A
@@ -10,7 +10,7 @@ copy that was not used for a month is deleted.
 
 Compiled code differs from Python where a type is less exact than the value: a tuple of fixed length has no identity, a
 member of an IntEnum that may be any int is an int, an int passed as a float becomes a float. So `proof_flights` are
-flown in both forms, and must give the same frames; else the copy is not kept.
+flown in both forms, and must give the same frames; otherwise the copy is not kept.
 """
 
 import fcntl
@@ -100,7 +100,7 @@ def is_compiled() -> bool:
 def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
     """Replace this process by one that runs the same command in the compiled form; no effect if this one does so.
 
-    Makes the compiled form first if there is none. Raises UserError if that is not possible.
+    If there is no compiled form, it is made first. Raises UserError if that is not possible.
     """
     if is_compiled():
         return
@@ -204,7 +204,10 @@ def _copied() -> Iterator[tuple[str, Path]]:
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
-    """Run Python with the packages in a folder, or with those of this process; raises UserError if it fails."""
+    """Run Python with the packages in a folder; `folder` None: with the packages of this process.
+
+    Raises UserError on failure.
+    """
     own = os.environ if folder is None else environment(folder) | _COMPILER
     command, pipe = (sys.executable, *words), subprocess.PIPE
     with subprocess.Popen(command, cwd=folder, env=own, stdout=pipe, stderr=pipe, text=True) as process:

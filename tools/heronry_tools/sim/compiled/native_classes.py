@@ -1,8 +1,8 @@
 """Rewrites a module for mypyc: constructors that can be compiled, and constants that are declared constant.
 
-mypyc makes a native class of a dataclass, but the methods that `dataclass` generates stay Python: creating a frozen one
-takes a microsecond, compiled or not, and creating a named tuple half of that. A flight creates ten for each frame. A
-constructor written in the class is compiled with it, so the copy that is compiled gets one:
+mypyc makes a native class of a dataclass, but the methods that `dataclass` generates stay Python: creating a frozen
+dataclass takes a microsecond, compiled or not, and creating a named tuple half of that. A flight creates ten such
+objects for each frame. A constructor written in the class is compiled with it, so the copy that is compiled gets one:
 
     @dataclass(frozen=True, slots=True)         @dataclass(unsafe_hash=True, init=False)
     class Tag:                                  class Tag:

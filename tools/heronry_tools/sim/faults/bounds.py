@@ -1,7 +1,7 @@
 """Limits for options and scenario files: the longest flight, and the largest share of destroyed frames.
 
-No user waits for a flight of more than a day. A bus on which more than half of all frames are destroyed carries too
-little for any finding.
+A flight of more than a day takes too long to be of use. A bus on which more than half of all frames are destroyed
+carries too little for any finding.
 """
 
 from decimal import Decimal

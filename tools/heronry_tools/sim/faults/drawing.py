@@ -3,20 +3,21 @@
 A seed first draws the kinds of faults of its flight, about half of all kinds, and how often each occurs. So one flight
 may have only restarts and another only noise, and no kind always hides the effect of another.
 
-Most faults wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two
-for seconds. A state that lasts shorter is drawn more often (`_AIM`); *idle* needs no such help, since every fault that
-waits for no state hits it. The weights come from the tables of campaigns (`campaign.Coverage`). They are the same for
-every seed, so that a seed alone flies as it did in its campaign.
+A reconfiguration lasts for milliseconds, and the time between two for seconds. So most faults wait for a state of the
+protocol, and a state that lasts for a shorter time is drawn more often (`_AIM`). The state *idle* is not drawn more
+often, since every fault that waits for no state hits it. The weights come from the tables of campaigns
+(`campaign.Coverage`). They are the same for every seed, so that a seed alone flies as it did in its campaign.
 
-For a fault that waits for a state other than idle, further faults are drawn that lead there: a PE other than the target
-is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost, which ends
-the mastership. For `activating` something exclusive must be given up, so a PE is cut off, and when it counts as lost
-the mastership ends: the next manager finds the PE in an epoch that it does not know, with what that epoch gave the PE.
-Where several PEs can drive one DEMUX, the loss of one of these PEs suffices.
+For a fault that waits for a state other than idle, further faults are drawn that lead to this state: a PE other than
+the target is lost and returns, so that the protocol goes through all states. For `orphaned` the active manager is lost,
+which ends the mastership. For `activating` something exclusive must be given up. So a PE is cut off, and when it counts
+as lost the mastership ends: the next manager finds the PE in an epoch that it does not know, with the outputs that this
+epoch gave the PE. If several PEs can drive one DEMUX, the loss of one of these PEs suffices.
 
 With two managers, faults are injected into managers more often than into anything else: into a given one of the two, or
 into the active one. The kinds that need two managers (`Kind.of_two`) are drawn then, too. So there are more targets and
-more faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in each of these, and more often than others.
+more faults. Kinds for flights with a key (`Kind.of_keyed`) are drawn in every flight with a key, and more often than
+others.
 """
 
 from collections.abc import Sequence
@@ -145,7 +146,7 @@ def _rivals(spec: Spec) -> set[str]:
     """Give the PEs of each DEMUX that several PEs can drive."""
     rivals: set[str] = set()
     for demux in spec.demuxes.values():
-        devices = (spec.modules[branch].device for branch in demux.branches)
+        devices = (spec.modules[branch].device for branch in (*demux.branches, *demux.to))
         homes = {f"pe:{spec.devices[device].pe}" for device in devices if device is not None}
         rivals |= homes if len(homes) > 1 else set()
     return rivals

@@ -52,7 +52,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import UnknownElementError, checked_element
+from heronry_dg.situation import UnknownElementError, checked_element, places
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_wire.frame import STANDARD_MASK
@@ -76,7 +76,7 @@ class Kind:
 
     target_kind: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
-        # element (that the operator may fail), latched, phase
+        # element (that the operator may fail), latched, phase, place (a module on a PE; a module may also be named so)
     )
     lasts_ms: tuple[int, int]
     description: str
@@ -227,6 +227,7 @@ KINDS: Mapping[str, Kind] = {
     "unfit": Kind("module", (0, 0), "a module gives a value outside its type's range", for_good=1.0),
     "wrong": Kind("module", (100, 2000), "a value of a module is wrong by 40, or in one bit", excuses=True),
     "overrun": Kind("module", (50, 1000), "every step of a module takes 30 ms"),
+    "missing": Kind("place", (0, 0), "the code of a module is missing on a PE", for_good=1.0, drawn=False),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
     "bias": Kind("device", (0, 0), "a sensor is wrong by 40 of its units", for_good=1.0, excuses=True),
     "order_fail": Kind(
@@ -269,7 +270,7 @@ class Fault:
 
     @property
     def over_ms(self) -> int:
-        """Latest time at which it is over, or, for a fault without end, at which it has been injected."""
+        """Latest time in ms at which the fault is over; for a fault without end, at which it has been injected."""
         return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
 
     @property
@@ -289,6 +290,8 @@ def read_fault(spec: Spec, text: str) -> Fault:
     if match["during"] and match["during"] not in STATES:
         raise UserError(f"'{text}': there is no state '{match['during']}'; the states are {', '.join(STATES)}")
     targets = possible_targets(spec, match["kind"])
+    if kind.target_kind in ("module", "element"):
+        targets = [*targets, *_places(spec)]
     if match["target"] not in (*targets, *(MANAGERS if targets == [MANAGER] else ())):
         raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")
     level = int(match["level"]) if match["level"] else kind.levels[0]
@@ -337,11 +340,16 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
         "channel": {"channel": [f"{bus.name}.{number}" for bus in twins for number in range(1, bus.channels + 1)]},
         "element": {"pe": pes, "device": list(spec.devices), "module": modules, "bus": far_buses},
         "phase": {"phase": list(spec.phases)},
+        "place": {"module": [place.removeprefix("module:") for place in _places(spec)]},
     }
     target_kind = KINDS[kind].target_kind
     if target_kind not in names:
         return [EVERYTHING if target_kind == "latched" else MANAGER]
     return [f"{kind}:{name}" for kind, there in names[target_kind].items() for name in there]
+
+
+def _places(spec: Spec) -> list[str]:
+    return [place for module in spec.modules for place in places(spec, module)]
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:

@@ -7,11 +7,11 @@
     foreign     a command of a manager of a higher term, tagged with another key
     slander     an EMCY in the name of a PE about any element, or a page 1 that refuses the running epoch
 
-Its station is named as a foreign node, so the oracles take none of its frames for a command: they verify that the PEs
-accept only what the true managers have sent.
+Its station has the name of a foreign node, so the oracles take none of its frames for a command. They verify that the
+PEs accept only what the true managers have sent.
 
-It does not send at the same moment as the node that it imitates. Two nodes that send under one identifier at one time
-destroy each other's frames, down to bus-off; no tag prevents that, and the fault `rogue` covers it.
+The attacker does not send at the same moment as the node that it imitates. Two nodes that send under one identifier at
+one time destroy each other's frames, down to bus-off; no tag prevents that, and the fault `rogue` covers it.
 """
 
 from random import Random

@@ -94,7 +94,10 @@ class ProtocolState:
         self._call_waiting()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
-        """Call `what` once in `state`: at `not_before_ns`, or when the state next begins after that time."""
+        """Call `what` once in `state`, at `not_before_ns` or later.
+
+        If the state holds at that time, the call comes then; if not, when the state next begins.
+        """
         self._waiting.append((state, not_before_ns, what))
         self._clock.at(not_before_ns, self._call_waiting)
 

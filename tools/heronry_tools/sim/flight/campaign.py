@@ -1,4 +1,4 @@
-"""Campaigns: many flights in parallel, and a table of what they have reached together.
+"""Campaigns: many flights in parallel, and a table of the protocol states in which they have injected faults.
 
 The number of flight hours says little. What counts is which faults were injected in which state of the protocol
 (`Coverage`): a cell without an injection was never tried, and one with fewer than `ENOUGH` injections was hardly tried.
@@ -79,7 +79,7 @@ class Coverage:
     def cells(self) -> dict[tuple[str, str], int]:
         """Give the number of injections in each cell that can be reached: its kind has a target, its state was entered.
 
-        No cell is expected for orders of the operator while no manager is active: none can be given then.
+        An order of the operator has no cell for states without an active manager, since no order can be given then.
         """
         injected = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]

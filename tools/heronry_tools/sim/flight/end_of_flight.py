@@ -1,7 +1,8 @@
 """The end of a flight: the same for drawn flights, scenario files and exhaustive cases.
 
-Requirements that must always hold, and silences, are verified up to the end of the flight. Then every fault that can be
-ended is ended, and the aircraft is left alone until it has converged, or for the bound on that (`oracles.liveness`).
+Rules that hold at all times, and silences, are verified up to the end of the flight. Then every fault that can be ended
+is ended. After that no fault is injected until the aircraft has converged, or for the bound on that time
+(`oracles.liveness`).
 """
 
 from collections.abc import Iterable
@@ -28,7 +29,7 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
-    """Say that a fault was not injected at all, or not in the state that it names; None if it was."""
+    """Give a sentence if a fault was not injected at all, or not in the state that it names; None if it was."""
     state = injections.state_of.get(fault)
     if state is not None and fault.during in ("", state):
         return None

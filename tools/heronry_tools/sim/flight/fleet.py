@@ -41,7 +41,7 @@ class Fleet:
         absent: PEs that only `arrive` starts.
         """
         self.running: dict[str, SimulatedPe] = {}
-        self.broken_modules: dict[str, str] = {}  # by module: how it fails, or which phase it requests
+        self.broken_modules: dict[str, str] = {}  # by module or NAME@PE: how it fails, or which phase it requests
         self.tables = tables
         self._clock, self._clocks = clock, clocks
         self._wiring, self._world = wiring, world
@@ -49,6 +49,7 @@ class Fleet:
         self._seed, self._key = seed, key
         self._absent = set(absent)
         self._stale: set[str] = set()  # PEs with the table of another spec
+        self._lacking: dict[str, set[str]] = {pe: set() for pe in tables}  # modules whose code is missing
         self._incarnations = dict.fromkeys(tables, 0)
         for pe in tables:
             truth.failed(f"pe:{pe}")
@@ -85,8 +86,9 @@ class Fleet:
             look=self._checks.looked,
             move=self._checks.moved,
             broken=self.broken_modules,
-            broke=lambda module: self._truth.failed(f"module:{module}"),
+            broke=lambda module: self._truth.broke(module, pe),
             witness=self._checks.copied,
+            lacks=frozenset(self._lacking[pe]),
         )
 
     def arrive(self, pe: str) -> None:
@@ -103,6 +105,13 @@ class Fleet:
         """Give a PE the right table again at its next start."""
         self._stale.discard(pe)
 
+    def lacks(self, pe: str, module: str) -> None:
+        """Let the code of a module be missing on a PE from now on."""
+        self._lacking[pe].add(module)
+        self._truth.lacks(module, pe)
+        if pe in self.running:
+            self.running[pe].lack(module)
+
     def cut(self, pe: str) -> None:
         """Break the wires of a running PE; no effect on a dead PE."""
         if pe in self.running:
@@ -114,12 +123,6 @@ class Fleet:
         if pe in self.running:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
-
-    def fail_receiver(self, pe: str, duration_ns: int) -> None:
-        """Let a running PE's receiver fail for `duration_ns`; the PE goes on sending."""
-        node = self.running[pe]
-        node.wire(receive_failed=True)
-        self._clock.at(self._clock.now_ns + duration_ns, lambda: node.wire(receive_failed=False))
 
     def _table(self, pe: str) -> PeTable:
         table = self.tables[pe]

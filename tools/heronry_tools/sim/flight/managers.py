@@ -1,7 +1,8 @@
 """The managers of one flight: they start, die, may be started twice, and report their events.
 
-Each manager has a seat: its node-ID, or minus its node-ID for a second manager with the same node-ID on another
-computer. Each seat has a disk with a journal, which outlives the manager.
+Each manager has a *seat*, a computer on which it runs. The number of a seat is the node-ID of the manager, or minus the
+node-ID for a second manager with the same node-ID on another computer. Each seat has a disk with a journal, which
+outlives the manager.
 """
 
 from collections.abc import Callable, Mapping
@@ -111,9 +112,9 @@ class Managers:
         self.start(-node, standby=standby)
 
     def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
-        """Let the manager of a seat, or the active manager, die now.
+        """Kill the manager of a seat, or the active manager, now.
 
-        torn: draws how much a loss of power destroys of the last write to its disk; None: nothing.
+        torn: draws how much of the last write to its disk a loss of power destroys; None: nothing.
         """
         victim = self.foremost if seat is None else self.running.get(seat)
         for number, one in list(self.running.items()):

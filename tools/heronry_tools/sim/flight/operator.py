@@ -1,11 +1,12 @@
 """The operator of a simulated aircraft: gives orders to the active manager, which answers at once whether it accepts.
 
 An accepted order defines the truth: an element that was declared failed counts as down until it is cleared. Without an
-active manager no order can be given, except that a clearance is kept and given as soon as a manager is active.
+active manager no order can be given, with one exception: the order to clear an element is kept, and given as soon as a
+manager is active.
 
 With two managers, a term can end before the other manager has heard an order, and the protocol does not promise that
 the next manager learns of it. A real operator sees that in the status, and repeats the order; so does this operator
-with `insist`. A manager that has restarted with its journal is told nothing again.
+with `insist`. A manager that has restarted with its journal gets no order again.
 """
 
 from heronry_dg.losses import lost_elements
@@ -109,7 +110,7 @@ class Operator:
             self._clock.at(self._clock.now_ns + _AGAIN_NS, self._look)
 
     def _is_well(self, element: str, term: int) -> None:
-        """Note that a manager has accepted a clearance; a cleared module starts anew, and may fail again."""
+        """Note that a manager has accepted to clear an element; a cleared module starts anew, and may fail again."""
         everywhere = not self._managers.are_two
         self._checks.cleared(self._clock.now_ns, element, self._truth.situation, everywhere=everywhere)
         if element.startswith("module:"):

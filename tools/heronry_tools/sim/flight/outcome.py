@@ -1,7 +1,7 @@
-"""A scenario, which is what happens to an aircraft, and the outcome of its flight.
+"""A scenario, which lists the faults of a flight and describes the aircraft, and the outcome of its flight.
 
-A flight starts when the first configuration runs. Then the faults are injected, and after them the aircraft is left
-alone (`end_of_flight`).
+A flight starts when the first configuration runs. Then the faults are injected, and after them the aircraft gets time
+to converge (`end_of_flight`).
 """
 
 from collections import Counter
@@ -44,8 +44,8 @@ class Scenario:
 class Outcome:
     """The outcome of a flight.
 
-    hits: injections by kind and state of the protocol. entered: entries of each state.
-    unjudged: the ns in which each rule was waived.
+    hits: injections by kind and state of the protocol. entered: how often each state was entered. unjudged: for each
+    rule the time in ns in which it was waived.
     """
 
     scenario: Scenario

@@ -3,10 +3,10 @@
 First halves of the list are left out, then quarters, down to single faults, as long as the flight still fails in the
 same way (Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002); ddmin, without
 the steps that try a part alone). The result fails, and does not fail if any one fault is left out. Then each fault is
-made simpler: at its time instead of in a state, and shorter. The flight is made to end with its last fault.
+made simpler: shorter, and injected at its time instead of in a state. The flight is made to end with its last fault.
 
 A fault's random draws do not depend on the other faults (`injections`), but the state of the flight does: without one
-fault another may meet another state. So the search may miss a shorter list; its result is verified by a flight.
+fault, another fault may meet another state. So the search may miss a shorter list; its result is verified by a flight.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Give the flight that lasts until all its faults are over, as `--act` would fly it, if that one fails, too."""
+    """Give the flight that lasts until all its faults are over, as `--act` would fly it, if that flight fails, too."""
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
     return whole if _fails(whole, rules) else outcome

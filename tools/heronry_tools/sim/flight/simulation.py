@@ -1,4 +1,4 @@
-"""One run: an aircraft of simulated nodes, what is done to it, and what the oracles observe.
+"""One run: an aircraft of simulated nodes, the faults injected into it, and the observations of the oracles.
 
 All random values (start-up times, clocks, durations of planning, lost frames) are drawn from one seed. So a spec, a
 seed and a list of faults give the same frames, bit for bit; `digest` is a digest of all frames.
@@ -143,15 +143,6 @@ class Simulation:
         """Call `what` at the virtual time `when_ns`."""
         self.clock.at(when_ns, what)
 
-    def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
-        """Call `what` at the end of a frame known from an equal run, before any node has received the frame."""
-
-        def tap(sent: Sent) -> None:
-            if sent == frame:
-                what()
-
-        self.wiring.tap(frame.bus, tap)
-
     def run_until(self, end_ns: int) -> None:
         """Simulate up to and including `end_ns`."""
         self.clock.run_until(end_ns)
@@ -196,19 +187,19 @@ class Simulation:
     # What the oracles have found
 
     def broken(self) -> list[Violation]:
-        """Give the violations so far of what must always hold."""
+        """Give the violations so far of rules that hold at all times."""
         return self.checks.broken(self.truth.situation, self.wiring.clashes())
 
     def unsettled(self) -> list[Violation]:
-        """Give the present violations of what must hold once the aircraft has converged."""
+        """Give the present violations of rules that hold once the aircraft has converged."""
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
-        """Leave the aircraft alone until it has converged, or for the bound on that; gives every violation.
+        """Inject nothing until the aircraft has converged, or for the bound on that time; gives every violation.
 
-        It has converged when no requirement was violated for longer than a silent PE or function may go unnoticed. Data
-        are counted (`planned_load`) only in the second half of that time: before, a controller may still send queued
-        frames, and a PE that returns may send what it ran before.
+        The aircraft has converged when no requirement was violated for longer than the silence of a PE or function may
+        stay undetected. Data are counted (`planned_load`) only in the second half of that time: before, a controller
+        may still send queued frames, and a PE that returns may send what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -219,7 +210,11 @@ class Simulation:
             unwell = self.unsettled() + queues.look(self.now_ns, wires)
             epoch_before, epoch = epoch, self.checks.epoch
             if epoch != epoch_before:
-                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} was activated only now"))
+                unwell.append(
+                    Violation(
+                        self.now_ns, "active", f"epoch {epoch} was activated when the aircraft should have converged"
+                    )
+                )
             if unwell and self.now_ns >= end_ns:
                 return self.broken() + unwell
             if unwell:

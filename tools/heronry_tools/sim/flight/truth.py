@@ -1,11 +1,14 @@
 """The real situation of one flight, known only to the simulator and its oracles.
 
-Down is each element that has failed, is cut off, was declared failed by the operator, or was reported with an excuse:
-by `excuse`, or while a fault is present because of which modules may report healthy elements.
+An element is down if it has failed, is cut off, was declared failed by the operator, or was reported with an excuse. An
+excuse is given by `excuse`, or by a present fault because of which modules may report healthy elements. A module that
+has failed on one PE is down on that PE, and after a second PE everywhere, as for the manager.
 """
 
+from collections import Counter
+
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, is_place, module_of, places
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.waivers import REPORTS, Waivers
 
@@ -20,17 +23,33 @@ class Truth:
         self._cut: set[str] = set()
         self.declared: dict[str, int] = {}  # declared failed by the operator: the term that was told last
         self.excusable: set[str] = set()  # healthy elements that may be reported as failed
+        self._lacking: set[str] = set()  # places where the code is missing
 
     @property
     def situation(self) -> Situation:
-        """The elements that are down, the phase that was requested last, and the priorities that the manager tells."""
+        """The elements that are down, the phase that was requested last, and the priorities by the manager."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()
-            if element in self.excusable or self._waivers.cover(REPORTS, t_ns)
+            if module_of(element) in self.excusable or self._waivers.cover(REPORTS, t_ns)
         }
-        down = frozenset(self._down | self._cut | self.declared.keys() | excused)
-        return Situation(down, {}, self._checks.phase, self._checks.priorities)
+        down = self._down | self._cut | self.declared.keys() | excused
+        failed = Counter(module_of(place) for place in (self._down | excused) if is_place(place))
+        everywhere = {module for module, count in failed.items() if count > 1}
+        gone = frozenset(down | everywhere | self._lacking)
+        return Situation(gone, {}, self._checks.phase, self._checks.priorities)
+
+    def broke(self, module: str, pe: str) -> None:
+        """Note that a module has failed on a PE: it is down on that PE, or down at all if it has no choice of PEs."""
+        self.failed(self._place(module, pe))
+
+    def lacks(self, module: str, pe: str) -> None:
+        """Note that the code of a module is missing on a PE, whatever is cleared."""
+        self._lacking.add(self._place(module, pe))
+
+    def _place(self, module: str, pe: str) -> str:
+        place = f"module:{module}@{pe}"
+        return place if place in places(self._spec, module) else f"module:{module}"
 
     def failed(self, element: str) -> None:
         """Note that an element has failed; it no longer counts as cut off."""
@@ -38,8 +57,8 @@ class Truth:
         self._cut.discard(element)
 
     def is_back(self, element: str) -> None:
-        """Note that an element works again, and is not cut off."""
-        self._down.discard(element)
+        """Note that an element works again, and is not cut off; of a module, on every PE."""
+        self._down = {one for one in self._down if element not in (one, module_of(one))}
         self._cut.discard(element)
 
     def cut(self, element: str) -> None:

@@ -1,1 +1,4 @@
-"""The oracles: what must hold in every flight, verified from frames and from the truth; no core is asked."""
+"""The oracles: each verifies in every simulated flight one thing that must hold.
+
+An oracle reads the frames on the buses and the faults that were injected. It asks no core of a manager or PE.
+"""

@@ -1,6 +1,6 @@
 """Every command that a PE accepts is authentic and fresh: the PEs' reports are compared with the proven commands.
 
-The oracle works in flights with a key, and from frames alone: the commands on the managers' bus, whose tags
+The oracle works in flights with a key, and from frames alone. It reads the commands on the managers' bus, whose tags
 `proven_commands` computes again, and the frames that each PE itself sends on its uplink. (Beyond a gateway any node may
 send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE shows which command it has accepted:
 
@@ -10,18 +10,19 @@ send in the name of a PE, so a forwarded frame proves nothing.) A report of a PE
     it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
     it withdraws a fault      EMCY RESET                 a CLEAR of that element, a short time ago
 
-For each report the oracle requires a proven command that was fresh for the PE when it was sent. A command is *fresh* if
+Each report must be explained by a proven command that was fresh for the PE when it was sent. A command is *fresh* if
 its number is higher than that of every command that the PE has certainly accepted. The oracle knows a lower bound of
 this number: the earliest command that explains the PE's reports so far. One LEASE explains one acceptance, so a replay
 is detected as soon as a PE has accepted more LEASEs than were sent.
 
-A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, at most a
-heartbeat period late; the PE may have received a WELCOME and a PREPARE before. Where page 0 waited in the controller,
-the page 2 that asked for the WELCOME shows the start. Where a manager may reuse numbers of its term
-(`may_count_again`), a lower number may be new to a restarted PE.
+A PE that has restarted can only have heard commands sent since its start. Its first page 0 shows the restart, but comes
+up to a heartbeat period after the start, and the PE may have received a WELCOME and a PREPARE before. If that page 0
+waited in the controller, the page 2 that requested the WELCOME shows when the PE started. A manager may reuse numbers
+of its term (`may_count_again`); then a lower number may be new to a restarted PE.
 
 "A short time" is T_lease of the slowest bus on the way to the PE, and the time that the report may wait in the queues
-of the PE and of a gateway. A report of a LEASE without explanation is a violation only if the PE repeats it that long.
+of the PE and of a gateway. A report of a LEASE without explanation is a violation only if the PE repeats the report for
+that long.
 """
 
 from dataclasses import dataclass, field
@@ -56,9 +57,10 @@ _Accepted = tuple[int, Place]  # manager, place
 
 @dataclass(slots=True)
 class _Pe:
-    """Commands that one PE can have accepted so far, and a lower bound of those that it has accepted."""
+    """The commands that explain the reports of one PE so far, and a lower bound of those that it has accepted."""
 
     name: str
+    node: int
     bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
@@ -84,7 +86,7 @@ class AuthenticityCheck(Oracle):
         self._may_count_again = False
         for pe in spec.pes.values():
             bus = uplink_bus(spec, pe.name)
-            known = _Pe(pe.name, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
+            known = _Pe(pe.name, pe.node_id, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def may_count_again(self) -> None:
@@ -182,7 +184,7 @@ class AuthenticityCheck(Oracle):
 
 
 def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
-    """Note a proven command that this PE could accept, so that it can explain later reports of the PE."""
+    """Note a proven command that this PE could accept, so that the command can explain later reports of the PE."""
     message = proven.message
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns
@@ -192,4 +194,6 @@ def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
     elif isinstance(message, Prepare):
         pe.prepares[message.epoch] = t_ns
     elif isinstance(message, Control) and message.operation is Operation.CLEAR:
-        pe.clears[message.a, message.b] = t_ns
+        place = message.a >> 8  # node-ID of the PE on which alone a module is cleared; 0: everywhere
+        if place in (0, pe.node):
+            pe.clears[message.a & 0xFF, message.b] = t_ns

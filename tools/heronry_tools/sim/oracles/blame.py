@@ -1,17 +1,18 @@
 """No healthy element is reported as failed: every fault that a PE reports on a bus was really injected.
 
-The manager latches a reported fault, so a false report costs the aircraft a healthy element until the operator clears
-it. Only the run knows which faults were injected. Faults stay, so the reports are compared with the truth once, when
-`unfounded` is called.
+The manager latches a reported fault. So a false report takes a healthy element out of use until the operator clears it.
+Which faults were injected is known only at the end. An injected fault stays, so the reports are compared with the
+injected faults once, when `unfounded` is called.
 
-The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read those that a gateway forwards: each was
-either read before, beyond the gateway, or sent by a foreign node. With a key no manager believes a foreign node's EMCY.
-A manager that did would plan without a healthy element, which `end_state` detects.
+The oracle reads the EMCYs that a PE itself sends, on any bus. It does not read EMCYs that a gateway forwards: each of
+them was read before, beyond the gateway, or was sent by a foreign node. With a key no manager believes the EMCY of a
+foreign node. A manager that believed it would plan without a healthy element, which `end_state` detects.
 """
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
@@ -35,12 +36,7 @@ class BlameCheck(Oracle):
     def __init__(self, spec: Spec) -> None:
         """spec: its order of elements gives the indices in EMCYs."""
         super().__init__()
-        self._names = {
-            ElementKind.PE: tuple(spec.pes),
-            ElementKind.DEVICE: tuple(spec.devices),
-            ElementKind.MODULE: tuple(spec.modules),
-            ElementKind.BUS: tuple(spec.buses),
-        }
+        self._places = Places(spec)
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
@@ -53,15 +49,18 @@ class BlameCheck(Oracle):
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
 
     def handed_on(self, sent: Sent) -> None:
-        """Note again a cleared element that a late EMCY from a gateway reports: the manager believes that EMCY."""
+        """Note the report of a cleared element again if a gateway forwards a late EMCY about the element.
+
+        The manager believes that EMCY.
+        """
         element, _ = self._reported_by(sent)
         if element in self._cleared:
             self._reported.setdefault(element, self._cleared[element])
 
     def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
         """Drop the report of an element that was down and has been cleared."""
-        if element in self._reported and element in truth.down:
-            self._cleared[element] = self._reported.pop(element)
+        for one in [one for one in self._reported if element in (one, module_of(one)) and _is_down(one, truth)]:
+            self._cleared[one] = self._reported.pop(one)
 
     def _reported_by(self, sent: Sent) -> tuple[str | None, int]:
         emergency = decode_emergency(sent.frame.data)
@@ -69,14 +68,22 @@ class BlameCheck(Oracle):
             return None, 0
         if emergency.kind in (ElementKind.PE, ElementKind.BUS):  # a suspicion, which the manager assesses
             return None, 0
-        names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
-        return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail
+        element = self._places.reported(sent.sender, emergency)
+        return element or f"{emergency.kind.name.lower()}:{emergency.index}", emergency.detail
 
     @property
     def reported(self) -> dict[str, int]:
-        """Elements that have been reported, rightly or wrongly, and when (ns)."""
+        """Elements that some PE has reported, rightly or wrongly, each with the time (ns)."""
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def unfounded(self, truth: Situation) -> list[Violation]:
         """Give the reports of elements that are not down in `truth`."""
-        return [violation for element, violation in self._reported.items() if element not in truth.down]
+        return [violation for element, violation in self._reported.items() if not _is_down(element, truth)]
+
+
+def _is_down(element: str, truth: Situation) -> bool:
+    """Tell whether an element is down in `truth`.
+
+    Of a place (`module:NAME@PE`), whether the module is down everywhere.
+    """
+    return element in truth.down or module_of(element) in truth.down

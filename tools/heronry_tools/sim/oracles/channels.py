@@ -1,13 +1,14 @@
 """A replicated bus acts as one bus: each node takes each frame once, and reports only a channel that it has lost.
 
-A frame that a node sends goes out on both channels, as two copies. This oracle recognizes the copies of one
-transmission by the Python object that was sent (`replicated_port`), not by their bytes.
+A frame that a node sends goes out on both channels, as two copies. The frame with its two copies is one *transmission*.
+This oracle recognizes the copies of a transmission by the Python object that was sent (`replicated_port`), not by their
+bytes. It verifies:
 
-    copies     no node takes a transmission more often than the better channel has delivered it, and each node takes a
-               transmission that both channels have delivered. Two equal transmissions within half a heartbeat period
-               may be taken for copies of one
-    channels   a PE that reports a lost channel has received nothing on it, or sent nothing on it, for more heartbeats
-               than the bus may miss; this gap is no older than the delay of the report allows
+    copies     No node takes a transmission more often than the better channel has delivered it. Each node takes a
+               transmission that both channels have delivered. (Two equal transmissions within half a heartbeat period
+               may be taken for copies of one.)
+    channels   A PE that reports a lost channel has received nothing on it, or sent nothing on it, for more heartbeats
+               than the bus may miss. This gap is no older than the delay of the report allows.
 """
 
 from collections import deque

@@ -1,6 +1,6 @@
-"""`Checks`: everything that watches a run, with the oracles (`registry`), their inputs and their violations.
+"""`Checks`: all oracles of one run (`registry`), with their inputs and their violations.
 
-Frames come in by `see`. What modules do, and what is done to the aircraft, is reported by the code that does it.
+Frames come in by `see`. Other events (steps of modules, faults, orders) are reported by the code that causes them.
 """
 
 from collections.abc import Collection, Sequence
@@ -55,7 +55,7 @@ class Checks:
     # What is seen
 
     def see(self, sent: Sent) -> None:
-        """Take a frame from any bus."""
+        """Take a frame from any bus, and pass it to the oracles."""
         self._frames.see(sent)
         for oracle in self._of_frames:
             oracle.seen(sent)
@@ -134,7 +134,7 @@ class Checks:
             oracle.script_ordered(term)
 
     def declared(self, t_ns: int, element: str) -> None:
-        """The operator has declared that an element has failed, and a manager plans without it."""
+        """The operator has declared that an element has failed, and a manager now plans without the element."""
         for oracle in self._oracles:
             oracle.failed(t_ns, element)
 
@@ -169,7 +169,7 @@ class Checks:
 
     @property
     def priorities(self) -> dict[str, int]:
-        """The changed priorities, by function, as the active manager has told them last."""
+        """Priorities that differ from the spec's, by function, as the active manager has announced them last."""
         return dict(self._known.priorities.current)
 
     @property
@@ -197,7 +197,10 @@ class Checks:
     # What was found
 
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
-        """Give the violations so far of what must always hold; `clashes` are those that the buses have recorded."""
+        """Give the violations so far of rules that hold at all times.
+
+        `clashes` are those that the buses have recorded.
+        """
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
             for c in clashes
@@ -207,7 +210,7 @@ class Checks:
         return sorted([*found, *self._known.blame.unfounded(truth), *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
-        """Give the violations at this moment of what must hold once a run has settled."""
+        """Give the violations at this moment of rules that hold once a run has settled."""
         known = self._known
         seen = Seen(
             known.epochs.last,
@@ -230,6 +233,6 @@ class Checks:
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent in flight without need.
 
-        injected: what was done to the aircraft. end_ns: the end of the flight.
+        injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """
         return self._known.service.silences(self._known.witness.outages(end_ns), injected, end_ns)

@@ -3,14 +3,14 @@
 PREPARE opens an epoch. The head of a SLICE names a PE that takes part, the length of its slice, and a digest. Bodies
 bring the bytes of the slice, unless the digest names bytes that were sent before or are on board. Where PREPARE names a
 contingency by its number, a PE without a head takes the slice that its table has under that number. While an epoch is
-being prepared, a manager may send the epoch before to a PE that is late. Each command names its epoch, so the two do
-not mix.
+being prepared, a manager may still send slices of the epoch before to a PE that is late. Each command names its epoch,
+so the oracle can tell the two apart.
 
 From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
 manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
 
-What a manager that is not active prepares is kept apart: no PE need follow that manager. A later active manager may
-adopt such an epoch; its LEASE then names in a higher term what was prepared in a lower one.
+Epochs that a manager prepares while it is not active are kept apart: no PE need follow that manager. A later active
+manager may adopt such an epoch; its LEASE then names in a higher term what was prepared in a lower one.
 
 Nothing here is read from a manager: a slice that was never on the bus cannot be put together.
 """
@@ -108,7 +108,7 @@ class Commanded:
         self.current: Epoch | None = None
 
     def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
-        """Follow a command; give an epoch once, after its first ACTIVATE, when it is put together or cannot be."""
+        """Follow a command; gives an epoch after its first ACTIVATE, once it is put together or certainly cannot be."""
         prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))
         match message:
@@ -136,7 +136,7 @@ class Commanded:
         return self._put_together(epoch)
 
     def digests(self, page: StatePage1) -> list[int]:
-        """Give the digests that the epoch named by a page 1 may have."""
+        """Give the possible digests of the epoch that a page 1 names."""
         return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:

@@ -1,11 +1,11 @@
-"""The requirements on the aircraft once nothing more is done to it, given the true situation and the best plan for it.
+"""The requirements on the aircraft once no more faults are injected, given the true situation and the best plan for it.
 
 - Every healthy PE reports within its heartbeat period that it is ACTIVE, and all are in one epoch. A PE is healthy if
   it runs and can reach the manager's bus.
 - The configuration that was activated last is legal in the true situation. In levels 1 to 3 (criticality, utility,
-  inputs) its value is no less than that of the best plan; while a script of the operator is held, in level 1. (A failed
-  device or module counts only once its failure was reported and acknowledged, or declared by the operator. Where no PE
-  is left, no PE can run another configuration.)
+  inputs) its value is no less than that of the best plan. While a script of the operator is held, this is required in
+  level 1 only. A failed device or module counts only once its failure was reported and acknowledged, or declared by the
+  operator. Where no PE is left, nothing is required, since no PE can run another configuration.
 - The phase that the manager sends (CONTROL, HOLDS) is the true phase.
 - In each class A to D, the priorities of the functions that are heard add up to no less than the best plan's.
 
@@ -63,7 +63,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
 
 
 def unnoticed_ns(spec: Spec) -> int:
-    """Give the longest time for which a PE or a function can be silent before any node detects that."""
+    """Give the longest time in ns for which a PE or a function can be silent before any node detects its silence."""
     beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
     outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
     slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())

@@ -1,8 +1,8 @@
 """An epoch number stands for one configuration, and no PE goes back to an older epoch; verified from state frames.
 
-On every bus and for the whole run, each state frame that names an epoch has the same digest with it. Within an
-incarnation the epoch of a PE never goes back. (A step from no epoch to an epoch is forward.) For that, only frames that
-the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
+In all state frames that name an epoch, on every bus and for the whole run, the epoch has the same digest. Within an
+incarnation the epoch of a PE never goes back. (A change from no epoch to an epoch goes forward.) For the second rule,
+only frames that the PE itself sends are compared: a gateway forwards states late, and perhaps in another order.
 
 The last state of each PE is kept for `end_state`.
 """

@@ -1,20 +1,22 @@
 """Break before make: nothing exclusive ever has two drivers.
 
-A *thing* is exclusive: a DEMUX, an actuator without a DEMUX before it, or an identifier on one bus. The *holder* of an
-identifier is the node that sent it last. The holder of a DEMUX or actuator is the module and PE that moved it last; for
-a branch of a DEMUX without a device, that computed for it last. Another holder may take a thing over, and the first may
-get it back with a later handover. Without a handover in between, the first must not drive the thing again: then two
-holders have driven at one time. The oracle detects two modules that drive in turn at the second turn, whatever their
-rates are.
+A *thing* is exclusive: the branches of a DEMUX, the ends of its `to`, an actuator without a DEMUX before it, or an
+identifier on one bus. Each thing has a *holder*. The holder of an identifier is the node that sent it last. The holder
+of a DEMUX, of its ends or of an actuator is the module and PE that moved it last. If the module has no device, the step
+in which it computed counts as a movement. Another holder may take a thing over, and the first holder may get it back
+with a later handover. Without a handover in between, the first holder must not drive the thing again: that shows that
+two holders have driven at one time. So the oracle detects two modules that drive in turn at the second turn, whatever
+their rates are.
 
-A *handover* is a GO, or the GO_ALL that follows it for what had to wait, of the newest epoch of its term. The first
-epoch of a term may have any number: a manager without its journal may begin with an older one, and where a higher term
-falls silent the term before continues with its own. BREAK is no handover. Until GO every thing belongs to the epoch
-before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its controller).
+A *handover* is a GO of the newest epoch of its term, or the GO_ALL that follows it for outputs that had to wait. The
+first epoch of a term may have any number: a manager without its journal may begin with an older one, and when a higher
+term falls silent the term before continues with its own numbers. BREAK is no handover. Until GO every thing belongs to
+the epoch before, and a holder of that epoch may drive for the first time after BREAK (its frame may wait in its
+controller).
 
-A holder may also have let go by itself. That is possible where no manager has been active for T_lease, and the PE of
-that holder was not heard for as long. Then the holder before it may drive again. If the silent holder has not let go,
-the oracle detects that when that holder drives next.
+A holder may also have released a thing by itself. That is possible if no manager has been active for T_lease, and the
+PE of that holder was not heard for as long. Then the holder before it may drive again. If the silent holder has not
+released the thing, the oracle detects that when that holder drives next.
 
 Not verified is what a PE drives within T_lease of one of these frames of a foreign node:
 
@@ -42,10 +44,16 @@ class ExclusionCheck(Oracle):
 
     def __init__(self, spec: Spec) -> None:
         super().__init__()
-        self._thing_of: dict[str, _Thing] = {m.name: ("actuator", m.device) for m in spec.modules.values() if m.device}
-        self._moving = frozenset(self._thing_of)
+        self._moving = frozenset(m.name for m in spec.modules.values() if m.device)
+        self._things_of: dict[str, list[_Thing]] = {}
         for demux in spec.demuxes.values():
-            self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
+            for module in demux.branches:
+                self._things_of.setdefault(module, []).append(("DEMUX", demux.name))
+            for module in demux.to:
+                self._things_of.setdefault(module, []).append(("end of DEMUX", demux.name))
+        for m in spec.modules.values():
+            if m.device:
+                self._things_of.setdefault(m.name, [("actuator", m.device)])
         self._epoch, self._step = 0, Step.PREPARED  # the newest epoch, and its last step
         self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
         self._handover = 0  # number of handovers so far
@@ -83,12 +91,17 @@ class ExclusionCheck(Oracle):
 
     def moved(self, moved: Moved) -> None:
         """Note that a PE has allowed the device of a module to move."""
-        self._follow(moved.t_ns, self._thing_of[moved.module], (moved.module, moved.pe))
+        for thing in self._things_of[moved.module]:
+            self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """Note a step of a module that drives: without a device, its values are the only sign that it drives."""
+        """Note a step of a module that drives.
+
+        Without a device, the values of the step are the only sign that it drives.
+        """
         if driven.module not in self._moving:
-            self._follow(driven.t_ns, self._thing_of[driven.module], (driven.module, driven.pe))
+            for thing in self._things_of[driven.module]:
+                self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
         """Note the sender of an exclusive identifier."""
@@ -112,7 +125,10 @@ class ExclusionCheck(Oracle):
             self.violations.append(Violation(t_ns, "exclusion", story))
 
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
-        """Tell whether a holder may have let go: neither a manager nor the holder's PE was heard for T_lease."""
+        """Tell whether a holder may have released its thing by itself.
+
+        It may if neither a manager nor the holder's PE was heard for T_lease.
+        """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))
         return t_ns - heard_ns > self._lease_ns

@@ -1,8 +1,8 @@
 """Passes the frames on a run's buses to the oracles: each identifier is looked up once, each frame decoded once.
 
-States and commands are passed on only where they differ from the one before. `terms` decides which manager is active;
-the commands of other managers are kept apart (`commanded`) and passed to no oracle. Frames of foreign nodes are passed
-only to `misled`.
+A state or command is passed on only if it differs from the one before. `terms` decides which manager is active; the
+commands of other managers are kept apart (`commanded`) and passed to no oracle. Frames of foreign nodes are passed only
+to `misled`.
 """
 
 from collections.abc import Callable, Collection

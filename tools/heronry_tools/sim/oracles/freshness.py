@@ -1,9 +1,10 @@
 """No module is given a datum that is old, or that its producer has not sent; verified against the frames on the bus.
 
-For every input that the PE's epoch wires to another PE, the producer's node must have sent a frame on one of the PE's
-buses within three periods of the source (the longest of its modes). The value given to the module must be that of one
-of these frames; else the input is *foreign*. Ages count back from the moment at which the PE requested the step. How
-long a slow processor may take to begin the step is limited elsewhere (`until_ns`, at most T_lease).
+For every input that the PE's epoch wires to another PE, two things must hold. The producer's node has sent a frame on
+one of the PE's buses within three periods of the source (the longest of its modes). The value given to the module is
+that of one of these frames; if it is not, the input is *foreign*. Ages count back from the moment at which the PE
+requested the step. How long a slow processor may take to begin the step is limited elsewhere (`until_ns`, at most
+T_lease).
 
 Every step of a module that drives an actuator is verified, and a sample of the steps of all others (`nodes`).
 
@@ -118,7 +119,10 @@ def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
 
 
 def _said(last: deque[tuple[int, Frame]], since_ns: int, value: Value) -> bool:
-    """Tell whether a frame since `since_ns` carries this value; the newest mostly does, so the search begins there."""
+    """Tell whether a frame since `since_ns` carries this value.
+
+    The search begins with the newest, which mostly does.
+    """
     return any(t_ns >= since_ns and _says(frame, value) for t_ns, frame in reversed(last))
 
 

@@ -1,7 +1,7 @@
 """The journal on a manager's disk agrees with what that manager sends, at each moment at which it sends something new.
 
-A manager that restarts knows only the bytes on its disk. The oracle reads them as that manager would (`recovered`), and
-compares them with the manager's frames in the present mastership:
+A manager that restarts knows only the bytes on its disk. The oracle reads the bytes as that manager would
+(`recovered`), and compares them with the manager's frames in the present mastership:
 
     term         for a frame that names a term: the journal has this term or a higher one. A term that is used before it
                  is on the disk might be used twice
@@ -14,8 +14,8 @@ compares them with the manager's frames in the present mastership:
 When a manager has died (`manager_died`), term and epochs are compared again with what a power cut has left on the disk:
 numbers are synced before they are used. Phase and faults need not survive a power cut.
 
-A manager that is started on a copy of another manager's disk (`manager_copied`) must also agree with what that manager
-has sent until then. What was sent from its own earlier disk no longer matters.
+A manager may be started on a copy of another manager's disk (`manager_copied`). Then its journal must also agree with
+what that other manager has sent until then. What was sent from the earlier disk of its station no longer matters.
 
 Not verified: a disk that accepts no write (the caller gives no bytes), a standby manager that has sent nothing yet, and
 the frames of a deposed manager (the caller does not report them). A frame may have waited since before the last write.
@@ -29,8 +29,8 @@ from dataclasses import dataclass, replace
 from heronry_dg.model import Spec
 from heronry_manager.core.memory import EPOCHS, Memory
 from heronry_manager.shell.journal import recovered
-from heronry_tools.sim.oracles.commanded import elements_by_kind
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
     BY_OPERATOR,
@@ -67,7 +67,7 @@ class JournalCheck(Oracle):
     def __init__(self, spec: Spec, read: Read) -> None:
         super().__init__()
         self._read = read
-        self._names = elements_by_kind(spec)
+        self._places = Places(spec)
         self._phases, self._functions = list(spec.phases), list(spec.functions)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first; "": from a former disk
@@ -124,7 +124,10 @@ class JournalCheck(Oracle):
         return any(not self._facts(memory, message) for memory in lately)
 
     def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether HOLDS names the first phase, which has no record, and was sent before another was entered."""
+        """Tell whether HOLDS names the first phase, and was sent before another phase was entered.
+
+        The first phase has no record in the journal.
+        """
         is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
         return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
 
@@ -164,8 +167,8 @@ class JournalCheck(Oracle):
                 return self._priority(memory, message)
             case Control(_, _, Operation.HOLDS, ElementKind.SCRIPT, _):
                 pass  # a script ends with its mastership: no journal has it
-            case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
-                element = self._names[ElementKind(kind)][index]
+            case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, a, index):
+                element = self._places.told(a, index)
                 if (element in memory.latched) is not (operation is Operation.HOLDS):
                     return [f"sends {operation.name} of {element}, but its journal latches {sorted(memory.latched)}"]
         return []
@@ -180,7 +183,7 @@ class JournalCheck(Oracle):
 
 
 def _numbers(said: _Said, memory: Memory) -> list[str]:
-    """Describe each number that was used before it was on the disk."""
+    """Describe each number that was used before the number was on the disk."""
     stories = []
     if memory.term < said.term:
         stories.append(f"has used term {said.term}, but its journal has {memory.term}")

@@ -1,7 +1,7 @@
 """Facts that several oracles of one run use: commanded epochs, available PEs, the active manager, the phase.
 
-All facts are derived from frames alone. Some are derived by oracles; these oracles are created here, and also stand in
-`registry`.
+All facts are derived from frames alone. Some are derived by oracles; this file creates these oracles, and `registry`
+lists them too.
 """
 
 from collections.abc import Collection

@@ -1,4 +1,4 @@
-"""The bound on the time in which an aircraft must converge once nothing more is done to it.
+"""The bound on the time in which an aircraft must converge once no more faults are injected.
 
 `bound_ns` counts from the last fault. It adds up these times, each at its longest:
 
@@ -10,9 +10,10 @@
                     counted from ALIVE, which names the available PEs, and are forgotten after a minute of availability.
                     The end of a mastership counts as a loss of each PE: a manager that has lost all PEs sends no more,
                     and a new manager may remember older losses. One more loss may follow from the last fault
-    radios          the window of a measurement (ten periods), and two hold-downs: the first measure may still be rising
+    radios          the window of a measurement (ten periods), and two hold-downs, since the first measured value may
+                    still be rising
     new epochs      one epoch for each of the last changes (`_LAST_EPOCHS` times a quarter of the patience), and the
-                    time for which silence goes unnoticed
+                    time for which a silence may stay undetected
 
 So the bound is long only where a PE was lost again and again (quarantine).
 """
@@ -69,7 +70,7 @@ class Losses:
         return frozenset(self._available)
 
     def bound_ns(self) -> int:
-        """Give the longest time from now until the aircraft must have converged, if nothing more is done to it."""
+        """Give the longest time in ns until the aircraft must have converged, if no more faults are injected."""
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(
             min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)

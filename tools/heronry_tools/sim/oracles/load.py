@@ -1,8 +1,8 @@
 """The data on each bus stay within the bus's budget, second by second, as the frames show.
 
 Data of the spec's nodes may take `max_load` minus `reserve` of the bit rate. Here each frame counts with its worst-case
-length. A quarter more than the budget is tolerated: a node whose wire was mended sends at once what has queued up for
-T_lease. (`transitions` verifies the budget at each moment of a reconfiguration.)
+length. A quarter more than the budget is tolerated: a node whose wire was mended sends at once the frames that have
+been queued for T_lease. (`transitions` verifies the budget at each moment of a reconfiguration.)
 """
 
 from heronry_dg.model import Spec

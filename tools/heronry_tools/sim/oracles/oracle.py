@@ -32,7 +32,7 @@ class StateSaid(NamedTuple):
 
 
 class Oracle:
-    """An oracle that overrides no method and has no violations yet."""
+    """Base of all oracles: it overrides no method, and has no violations yet."""
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []
@@ -52,7 +52,7 @@ class Oracle:
         """A channel of a replicated bus, 0 or 1, has carried a frame."""
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """A foreign node has sent an ALIVE that names these PEs, or a state frame that passes for one of theirs."""
+        """A foreign node has sent an ALIVE that names these PEs, or a state frame in the name of one of them."""
 
     # What PEs send
 

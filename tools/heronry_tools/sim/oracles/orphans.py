@@ -1,11 +1,12 @@
 """A PE without a manager follows its policy; verified from its state frames and from the LEASEs on the managers' bus.
 
-The oracle begins to verify when no manager was on the bus for T_lease and the time in which PEs report that. Then:
+The oracle begins to verify when no manager was on the bus for T_lease, and for the time in which PEs report this. Then
+two rules hold:
 
 - No PE reports that it hears a LEASE, except in a state frame that was queued while the PE was cut off.
-- With `keep` every PE keeps what it runs: state, epoch and digest stay as they are until it restarts or a manager sends
-  again. A PE that was paused first executes the commands that it received meanwhile, so it is verified only a heartbeat
-  period after its return.
+- With the policy `keep` every PE keeps what it runs: state, epoch and digest stay as they are until the PE restarts or
+  a manager sends again. A PE that was paused first executes the commands that it received meanwhile, so it is verified
+  only a heartbeat period after its return.
 
 `safe_mode`, the other policy, is verified by `oracles.safe_mode`.
 """

@@ -1,10 +1,11 @@
 """The mission phase that the manager sends is the one that was requested last; verified from orders and frames.
 
-A phase counts as requested in two cases: the manager has accepted the operator's order for it; or a PE has requested it
-(EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each request of a PE has
-a number. A request counts once, even if it is acknowledged twice. It does not count if a later request of the same PE
-was acknowledged before. A PE that restarts begins again with its numbers. A *forward only* request leads to a phase
-with a rule only from the phases that the rule names, and to any other never back.
+A phase counts as requested in two cases. Either the manager has accepted the operator's order for it. Or a PE has
+requested it (EMCY, PHASE_REQUEST), and the active manager has acknowledged the request or sends that phase. Each
+request of a PE has a number. A request counts once, even if it is acknowledged twice. It does not count if a later
+request of the same PE was acknowledged before. A PE that restarts numbers its requests from the beginning. A *forward
+only* request leads to a phase with a rule only from the phases that the rule names, and to any other phase only
+forward.
 
 The manager sends a phase in HOLDS. For a moment after a change, HOLDS may still name the phase that was just left. If a
 PE requests that former phase at that moment, HOLDS alone does not make the request count: the manager must acknowledge
@@ -12,14 +13,15 @@ it, too. An acknowledgement may also have been sent before an operator's order a
 phase counts again as soon as HOLDS names it.
 
 A new mastership knows what its manager remembers, or has heard as a standby manager. It may also have heard a request
-that the previous manager did not acknowledge before it failed. The first phase that it sends is the true one from then
-on. With one manager and an intact journal, that phase must be the phase before, or one that is still requested.
-Otherwise it may also be an earlier phase. A request that was acknowledged in an earlier term may then count again, if
-the new mastership sends its phase.
+that the previous manager did not acknowledge before it failed. The first phase that a new mastership sends counts as
+the true one from then on. With one manager and an intact journal, that phase must be the phase before, or one that is
+still requested. Otherwise it may also be an earlier phase. A request that was acknowledged in an earlier term may then
+count again, if the new mastership sends its phase.
 
-A manager that has begun a higher term, and was not heard for a while, need not know what a deposed manager has
-acknowledged meanwhile: no PE has accepted that. A manager that continues in a lower term, because it hears no node,
-need not know the phase of a higher term whose manager has fallen silent: what it sends has no effect.
+Two kinds of managers need not know the true phase. The first has begun a higher term and was not heard for a while: it
+need not know what a deposed manager has acknowledged meanwhile, since no PE has accepted that. The second continues in
+a lower term because it hears no node: it need not know the phase of a higher term whose manager has fallen silent, and
+what it sends has no effect.
 """
 
 from collections.abc import Callable
@@ -126,7 +128,7 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request is forward only, and nothing leads from the current phase to the requested one."""
+        """Tell whether a request is forward only, and nothing leads from the current phase to its phase."""
         is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
         return bool(number & FORWARD_ONLY) and not is_free
 

@@ -1,7 +1,7 @@
 """Once the aircraft has converged, the buses carry the planned data and no other.
 
 From `begin` on, frames are counted. No source of the last epoch may send more than its rate, and no other source may
-send anything. A source that sends less is found by the oracles of the functions. A PE that cannot reach the manager
+send anything. (The oracles of the functions detect a source that sends less.) A PE that cannot reach the manager
 follows no plan, so its data on its own side of the break are not counted.
 """
 
@@ -42,7 +42,7 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Give the data that were sent since `begin` beyond the plan; `truth` is what is really down."""
+        """Give the data that were sent since `begin` and are not planned; `truth` is what is really down."""
         if self._since_ns is None or current is None or current.configuration is None:
             return []
         modules = self._spec.modules

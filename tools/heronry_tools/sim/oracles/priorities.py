@@ -1,16 +1,16 @@
-"""A priority that the manager tells was ordered or requested, within its range, and changes seldom; from frames.
+"""A priority that the manager announces was ordered or requested, within its range, and changes seldom; from frames.
 
-The active manager tells a changed priority in HOLDS, and in CLEAR that a function has the priority of the spec again.
-What it tells counts for all other oracles (`current`). It must be one of these:
+The active manager announces a changed priority in HOLDS, and announces in CLEAR that a function has the priority of the
+spec again. The announced priority counts for all other oracles (`current`). It must be one of these:
 
 - the priority that the operator has ordered last for the function. While an order stands, no request counts;
 - one that a PE has requested (EMCY, PRIORITY_REQUEST), within the `priority_range` of the spec. Within one term, two
   changes that PEs have requested are at least CHANGE_NS apart;
-- the priority of the spec, if the operator or a PE has asked for that.
+- the priority of the spec, if the operator has ordered it or a PE has requested it.
 
-For a moment after an order a HOLDS may still be on its way. A new mastership knows what its manager remembers, or has
-heard as a standby manager: what it tells first of a function is verified against all that was ever ordered or
-requested.
+For a moment after an order an older HOLDS may still be on its way. A new mastership knows what its manager remembers,
+or has heard as a standby manager. So its first announcement about a function may be any priority that was ever ordered
+or requested.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ _OF_THE_SPEC, _ORDERED = 0xFFFF, 0x8000
 
 
 class PriorityCheck(Oracle):
-    """Follows which priorities the manager tells."""
+    """Follows which priorities the manager announces."""
 
     def __init__(self, spec: Spec, changed: Callable[[int, Mapping[str, int]], None]) -> None:
         """changed: called with the time (ns) and all changed priorities when one changes."""
@@ -53,7 +53,7 @@ class PriorityCheck(Oracle):
         self._asked.setdefault(function, set()).add(message.detail)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Follow a HOLDS or CLEAR that tells a priority."""
+        """Follow a HOLDS or CLEAR that announces a priority."""
         if not isinstance(message, Control) or message.a & 0xFF != ElementKind.PRIORITY or message.term < self._term:
             return
         self._term, function = message.term, self._functions[message.a >> 8].name

@@ -1,7 +1,7 @@
 """Recovers the digest of a page 1 that carries a tag instead, for oracles that know the key.
 
-A tag depends on a digest and a session. A session is opened by WELCOME, which every node hears. So the known digests
-are tried in the known sessions, and the staged epoch of a PE is derived from frames alone, as without a key.
+A tag depends on a digest and a session. WELCOME opens a session, and every node hears it. So the oracle tries the known
+digests in the known sessions, and derives the staged epoch of a PE from frames alone, as without a key.
 
 An attacker that forges nonces makes a manager send WELCOME repeatedly, but the PE stays in its session. So the session
 whose tag was correct last is tried first and dropped last.
@@ -32,7 +32,7 @@ class ProvenStates:
             opened.append(Session(manager, control.term, control.a << 16 | control.b))
 
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
-        """Give the page with the digest that its tag proves, out of `digests`; with 0 where the tag proves none."""
+        """Give the page with the one of `digests` that its tag proves; with 0 if the tag proves none of them."""
         said, tag = split_state(page.encode())
         sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
         for session in reversed(sessions):

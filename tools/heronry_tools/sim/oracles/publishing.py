@@ -1,7 +1,7 @@
 """No node publishes data that its epoch does not require of it; verified against the commanded configurations.
 
-The state of a node names the epoch that the node follows, and the node reports a change immediately. A data frame of
-the node must then be one that this epoch lets it publish on this bus. A gateway may also forward what the epoch routes
+The state of a node names the epoch that the node follows, and the node reports a change of epoch immediately. This
+epoch must let the node publish each data frame that it sends on a bus. A gateway may also forward what the epoch routes
 over the bus. A node that has restarted and follows no epoch must publish nothing.
 
 A frame may also belong to another epoch than the reported one:
@@ -91,7 +91,7 @@ class PublishingCheck(Oracle):
             self.violations.append(Violation(sent.end_ns, "publishing", story))
 
     def _identifiers_of(self, epoch: int, bus: str, sender: str) -> frozenset[int] | None:
-        """Give the identifiers that an epoch lets a node send on a bus; None where they cannot be known."""
+        """Give the identifiers that an epoch lets a node send on a bus; None where that is not known."""
         if epoch not in self._published:
             known = self._commanded.epochs.get(epoch)
             if known is None or known.configuration is None:

@@ -1,11 +1,11 @@
 """No queue of frames grows without end, and no frame is left behind, while no fault is present.
 
-`look` is called at intervals. Two rules hold from one look to the next:
+`look` is called at intervals. Two rules hold from one call to the next:
 
 - A bus on which frames wait must have been idle at some moment in the interval. A bus is never idle while a frame waits
-  (arbitration is work-conserving), so an idle moment proves that every queue was empty. A bus was never idle if its
+  (arbitration is work-conserving), so an idle moment proves that every queue was empty. The bus was never idle if its
   frames fill the interval. (An error-passive controller pauses for 8 bits after each frame; that counts as idle.)
-- On a bus within its budget, no frame may wait from one look to the next but one: its sender would hold it back for
+- On a bus within its budget, no frame may wait over two calls of `look`: if it did, its sender would hold it back for
   ever.
 """
 

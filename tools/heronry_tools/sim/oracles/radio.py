@@ -3,11 +3,11 @@
     age     a datum that a gateway sends by radio had reached the gateway no longer ago than T_lease and one heartbeat
             period of the radio (the time of a frame in a controller), however slow the radio is. So no queue has grown
     load    the data on a radio stay, second by second, within the budget for the usable share that its gateway has
-            reported. The largest report of the last seconds counts: after a fall the manager must believe the fall and
-            plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
+            reported. The largest report of the last seconds counts, since time passes after a fall: the manager must
+            confirm it and plan, and the PEs must take their steps. A quarter more is tolerated, as in `load`
 
-A frame is recognized by its bytes. Where data are altered past the CRC, a frame that arrived lately and differs in one
-byte may be the same frame.
+A frame is recognized by its bytes. Where injected errors alter data undetected by the CRC, a frame that arrived lately
+and differs in one byte may be the same frame.
 
 Not verified: seconds in which a gateway reports its radio as gone, or reports nothing. A PE beyond it may still send.
 """
@@ -107,7 +107,7 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Give the largest share reported of late; None where the radio was gone or nothing was reported."""
+        """Give the largest share that was reported lately; None if the radio was gone or nothing was reported."""
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
             return None

@@ -1,11 +1,12 @@
 """With `without_manager: safe_mode`, a PE that hears no manager sends and drives nothing that is not critical.
 
-After no LEASE was on the managers' bus for T_lease, a PE counts as *orphaned* from its next state frame that reports no
-LEASE, until the next LEASE. While it is orphaned, a module that serves no critical function in the PE's epoch must send
-no datum and no echo, and must not drive. A frame that was queued before may still go out for T_lease.
+A PE becomes *orphaned* with its next state frame that reports no LEASE, once no LEASE was on the managers' bus for
+T_lease. It stays orphaned until the next LEASE. While it is orphaned, a module that serves no critical function in the
+PE's epoch must send no datum and no echo, and must not drive. A frame that was queued before may still go out for
+T_lease.
 
 Other oracles verify that critical functions continue (`silence`, `service`), and that all functions return with a
-manager (`end_state`). With `keep` this oracle verifies nothing.
+manager (`end_state`). With the policy `keep` this oracle verifies nothing.
 
 Not verified: an epoch whose configuration could not be read back from the frames, and a PE that alone hears nothing.
 """
@@ -56,7 +57,7 @@ class SafeModeCheck(Oracle):
         self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
 
     def leased(self, t_ns: int) -> None:
-        """End the orphaned time of all PEs."""
+        """Note a LEASE: no PE is orphaned any more."""
         self._leased_ns = t_ns
         self._orphans.clear()
 

@@ -1,7 +1,7 @@
-"""A script of the operator: it is announced as held only in the term that took the order, and not after its release.
+"""A script is announced as held only in the term whose manager accepted it, and not after its release.
 
 While a script is held, the aircraft may serve less than the best plan does, but not at level 1 (`end_state`). The
-announcements (CONTROL, HOLDS) alone show whether one is held: each comes again within `ANNOUNCED_WITHIN_NS`.
+announcements (CONTROL, HOLDS) alone show whether a script is held: each is repeated within `ANNOUNCED_WITHIN_NS`.
 """
 
 from heronry_tools.sim.oracles.oracle import Oracle

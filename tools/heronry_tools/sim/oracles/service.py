@@ -1,22 +1,22 @@
 """No critical function is dropped without need: the oracle compares what is served with what a plan could serve.
 
-The oracle compares twice.
+The oracle compares at two occasions.
 
 *When a configuration is activated*, it must serve by criticality at least what the best plan serves. That plan is for
-the situation that the manager can know: PEs that take no part are down, and an element has failed from the moment at
-which its failure was acknowledged or declared by the operator until it is cleared. Known failures and the phase may be
-those of any moment from shortly before PREPARE on.
+the situation that the manager can know. PEs that take no part are down. An element counts as failed from the moment at
+which its failure was acknowledged, or declared by the operator, until it is cleared. The known failures and the phase
+may be those of any moment from shortly before PREPARE on. Two cases are special:
 
-- A contingency called by its number is staged by every PE that hears the call. The next ALIVE shows which PEs take
-  part. That stays unknown, and nothing is compared, where the manager dies before that ALIVE; where that ALIVE comes so
-  late that a PE may have been lost and have rejoined; and where an ALIVE was late within the last period, since delayed
-  frames then go out in the order of their identifiers.
+- A contingency that PREPARE names by its number is staged by every PE that hears PREPARE. Which PEs take part is shown
+  only by the next ALIVE. In three cases ALIVE does not show it, and nothing is compared: the manager dies before that
+  ALIVE; that ALIVE comes so late that a PE may have been lost and have rejoined; or an ALIVE was late within the last
+  period, since delayed frames then go out in the order of their identifiers.
 - A manager that adopts what runs drops nothing by that, so an adopted epoch is not compared.
 
-*While nothing more is done to the aircraft*, a critical function that was heard must not stay silent for longer than
-`longest_ns`: one patience, and a second for planning, steps and first values. The planner plans for everything down
-that had a fault injected, counts as failed, or is not available by ALIVE in that time. Where that plan serves every
-wanted function of this class and those above, every plan with less down serves them, too.
+*While no more faults are injected*, a critical function that was heard must not stay silent for longer than
+`longest_ns`: one patience, and a second for planning, steps and first values. The oracle plans for a situation in which
+everything is down that had a fault injected, counts as failed, or is not available by ALIVE in that time. If that plan
+serves every wanted function of this class and of those above, every plan with less down serves them, too.
 
 Not verified are silences
 
@@ -34,10 +34,10 @@ from typing import NamedTuple
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, module_of
 from heronry_manager.core.topology import radios, uplink_bus
 from heronry_tools.runtime.witness import Outage
-from heronry_tools.sim.oracles.commanded import Epoch, elements_by_kind
+from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.limits import (
     HOLD_DOWN_PERIODS,
     LEASE_PERIODS,
@@ -46,12 +46,13 @@ from heronry_tools.sim.oracles.limits import (
     START_UP_WINDOW_NS,
 )
 from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.places import Places
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import critical_at_best
 from heronry_wire.frame import Malformed
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import Control, ElementKind, Emergency, ManagementMessage, Operation
+from heronry_wire.management import Control, Emergency, ManagementMessage, Operation
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
@@ -59,7 +60,10 @@ _DOUBTED_NS = 30 * _SECOND_NS
 
 
 class Injected(NamedTuple):
-    """A fault of an element, and its time (`to_ns` None: it does not end); `element` is None where it is unclear."""
+    """A fault that was injected into an element, with its time; `to_ns` None: it does not end.
+
+    `element` None: it is unclear.
+    """
 
     element: str | None
     from_ns: int
@@ -86,7 +90,7 @@ class ServiceCheck(Oracle):
         """
         super().__init__()
         self._spec = spec
-        self._elements = elements_by_kind(spec)
+        self._places = Places(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._held: list[_Held] = []
         self._missed_ns = missed_ns
@@ -112,19 +116,18 @@ class ServiceCheck(Oracle):
     def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """Note which PE reports a fault or withdraws its report."""
         if isinstance(message, Emergency):
-            for element in self._named(message.kind, message.index):
-                self._told_by[element] = pe
+            element = self._places.reported(pe, message)
+            if element is not None:
+                self._told_by |= dict.fromkeys((element, module_of(element)), pe)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
         """Note an acknowledgement: the manager treats the element as failed."""
         if not isinstance(message, Control):
             return
-        if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
-            for element in self._named(ElementKind(message.a), message.b):
+        if message.operation is Operation.ACKNOWLEDGE:
+            element = self._places.acknowledged(message.node, message.a, message.b)
+            if element is not None:
                 self.failed(t_ns, element)
-
-    def _named(self, kind: ElementKind, index: int) -> list[str]:
-        return self._elements.get(kind, [])[index : index + 1]
 
     def failed(self, t_ns: int, element: str) -> None:
         """Note that a manager treats an element as failed, from now on at the latest."""
@@ -135,8 +138,9 @@ class ServiceCheck(Oracle):
 
     def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
         """Note that an element was cleared; `everywhere`: no manager treats it as failed any more."""
+        self._places.cleared(element)
         for one in self._held:
-            if one.element == element and one.to_ns is None:
+            if element in (one.element, module_of(one.element)) and one.to_ns is None:
                 one.to_ns, one.is_certain = t_ns if everywhere else None, False
 
     @property
@@ -149,7 +153,7 @@ class ServiceCheck(Oracle):
         return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Note the available PEs, and compare the contingencies called since the last ALIVE."""
+        """Note the available PEs, and compare the contingencies that PREPARE has named since the last ALIVE."""
         self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
         self._alive_ns = t_ns
         _, before = self._available[-1] if self._available else (0, frozenset[str]())
@@ -164,7 +168,10 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Note a new term; its manager may lack a report whose PE has missed a command: no PE repeats a report."""
+        """Note a new term.
+
+        Its manager may not know a report, if the reporting PE has missed a command: then no PE repeats the report.
+        """
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -197,7 +204,7 @@ class ServiceCheck(Oracle):
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Compare an epoch with the best plan; for a contingency that waits for the next ALIVE."""
+        """Compare an epoch with the best plan; if the epoch is a contingency, do so at the next ALIVE."""
         if epoch.is_adopted:
             return
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
@@ -232,7 +239,7 @@ class ServiceCheck(Oracle):
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Say what an epoch serves, if that is less than a plan for this situation serves; else None."""
+        """Give a sentence if an epoch serves less than a plan for this situation serves; else None."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
@@ -246,7 +253,7 @@ class ServiceCheck(Oracle):
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def prioritized(self, t_ns: int, priorities: Mapping[str, int]) -> None:
-        """Note that the manager tells other priorities."""
+        """Note that the manager announces other priorities."""
         self._priorities.append((t_ns, priorities))
 
     def _priorities_in(self, from_ns: int, to_ns: int) -> list[Mapping[str, int]]:
@@ -257,7 +264,7 @@ class ServiceCheck(Oracle):
     def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent for too long without need.
 
-        injected: what was done to the aircraft. end_ns: the end of the flight.
+        injected: the faults that were injected into the aircraft. end_ns: the end of the flight.
         """
         self.ran(end_ns)
         return [found for outage in outages if (found := self._silence(outage, injected, end_ns)) is not None]
@@ -281,7 +288,7 @@ class ServiceCheck(Oracle):
         return None
 
     def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
-        """Give the situation in a time in which nothing changes; None where that cannot be known."""
+        """Give the situation in a time in which nothing changes; None where the situation is not known."""
         hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):

@@ -1,4 +1,4 @@
-"""The silence of a manager stops no function: where only managers have failed, every function is heard all the time.
+"""A silent manager stops no function: if only managers have failed, every function is heard all the time.
 
 With `without_manager: safe_mode` this is promised only for critical functions.
 

@@ -1,8 +1,8 @@
 """The PEs that heard no node for T_lease, and when that ended: they may have missed a command (protocol rule 8).
 
-This is derived from the frames on a PE's uplink: no other node sent there, or the PE itself did not send, because its
-wire was broken or it was paused. A PE that has restarted knows nothing of the time before. While a bus is in two parts
-the frames do not show which node heard which, so every PE on it counts.
+This is derived from the frames on a PE's uplink. Either no other node sent there, or the PE itself did not send,
+because its wire was broken or it was paused. A PE that has restarted knows nothing of the time before. While a bus is
+broken into two parts the frames do not show which node heard which, so every PE on the bus counts.
 """
 
 from heronry_dg.model import Spec
@@ -26,7 +26,7 @@ class Solitude:
         self._ended_ns: dict[str, int] = {}
 
     def ended_ns(self, pe: str) -> int:
-        """Give when (ns) a PE heard another node again after its last such silence; 0 if it had none."""
+        """Give the time in ns at which a PE heard another node again after its last such silence; 0 if it had none."""
         return self._ended_ns.get(pe, 0)
 
     def heard(self, t_ns: int, bus: str, speaker: str) -> None:

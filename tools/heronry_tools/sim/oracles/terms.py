@@ -1,32 +1,31 @@
 """A term has one manager, and no node goes back to an older term; verified from the managers' bus.
 
-One manager per term. The commands that name a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) come from the
+*One manager per term.* The commands that name a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) come from the
 identifiers of one manager, and the term of a manager never falls.
 
 Two managers with the same node-ID may use one term, but only for a time: within `_TOGETHER_LEASES` times T_lease each
-must notice the other, and one must fall silent. This time does not run
+must notice the other, and one must fall silent. This time does not run in two cases:
 
 - while their bus is broken in the middle: both may then be active in one term, each on its half;
-- while the clash of their frames keeps one bus-off: the time begins again for a manager that was silent for
-  `_APART_PERIODS`.
+- while the clash of their frames keeps one of them bus-off. If a manager was silent for `_APART_PERIODS`, the time
+  begins anew for it.
 
 With a key a manager believes the other only after the other's TAG. (Two equal frames sent at once are one frame on the
 bus, so neither manager hears the other.)
 
-No PE goes back. An epoch belongs to the term that prepared it first, or to the highest term that has adopted it (whose
-LEASE names it). A PE that has run an epoch first prepared in some term must not later, within its incarnation, run an
-epoch whose highest term is lower. Only states that the PE itself sends count: a gateway may forward states in another
-order.
+*No PE goes back.* An epoch belongs to the term that prepared it first, or to the highest term that has adopted it
+(whose LEASE names it). Within an incarnation a PE never runs an epoch of a lower term after one that was first prepared
+in a higher term. Only states that the PE itself sends count: a gateway may forward states in another order.
 
-No LEASE goes back. Within a term LEASE never names an older epoch. Exempt is a manager that has died since, has lost
-its journal, and found no PE that runs anything. (Other commands may wait in the controller until LEASE names a newer
-epoch.)
+*No LEASE goes back.* Within a term LEASE never names an older epoch. One case is exempt: the manager has died since,
+has lost its journal, and found no PE that runs anything. (Other commands may wait in the controller until LEASE names a
+newer epoch.)
 
-No epoch has two meanings. A later term may prepare an epoch again, for a PE that joins late, but with the same digest.
-Exempt are two stations that each have a copy of one journal (`manager_copied`): neither can know the numbers that the
-other uses.
+*No epoch has two meanings.* A later term may prepare an epoch again, for a PE that joins late, but with the same
+digest. One case is exempt: two stations have copies of one journal (`manager_copied`), and neither can know the numbers
+that the other uses.
 
-Only this oracle reads the commands of a deposed manager; all others leave them out (`active_term`).
+Only this oracle reads the commands of a deposed manager; all others ignore them (`active_term`).
 """
 
 from heronry_dg.model import Spec

@@ -4,9 +4,9 @@ At the first GO or GO_ALL of an epoch, the oracle knows from state frames what e
 stopped already. `heronry_dg.verify_transition` goes through every order in which the PEs may take the remaining steps,
 and must find that the data fit on each bus at every moment.
 
-Verified only if the present configuration is known: all PEs that take part and run anything are ACTIVE in one epoch
-that was read back from its frames, or BROKEN in the next one. A radio counts with its whole budget here; `radio`
-verifies the share that is usable.
+The oracle verifies an epoch only if the configuration before it is known: all PEs that take part and run anything are
+ACTIVE in one epoch that was read back from its frames, or BROKEN in the next one. A radio counts with its whole budget
+here; the oracle `radio` verifies the share that is usable.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Waivers: the times in which a requirement cannot be promised, because a fault of certain kinds is present.
+"""Waivers: the times in which a rule of an oracle is not verified, because a certain kind of fault is present.
 
 A waiver begins when its fault is injected, and ends one settling time after the end of that fault. The settling time is
 the longest time for which a critical function may be silent: one patience, and a second for planning, steps and first

@@ -1,57 +1,54 @@
 """Detects that a recording was made with another spec.
 
-Two facts tell: a slice that was sent whole (its digest depends on the digest of the spec), and a contingency called by
-its number (its digest is then on board). One match suffices. Where nothing matches, no part of the mastership is
-replayed, and the first mismatch is reported as the reason.
+Two facts show which spec was flown. The digest of a slice that was sent whole depends on the digest of the spec. And if
+PREPARE names a contingency by its number, its digest must be on board. One match suffices. If nothing matches, no part
+of the mastership is replayed, and the first mismatch is reported as the reason.
 """
 
 from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
 from heronry_tools.sim.replay.recording import Mastership
-from heronry_tools.sim.replay.rerun import Remark
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import PeTable
 
 
-def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> Remark | None:
-    """Give a remark if a mastership was flown with another spec; None if it may have been flown with this one.
+def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> str | None:
+    """Give a sentence if a mastership was flown with another spec; None if it may have been flown with this one.
 
     on_board: tables with the contingencies.
     """
     called = {one.digest for table in on_board for one in table.preloaded()}
     clues = list(_clues(spec, mastership, called))
-    if not clues or any(fits for _, _, fits in clues):
+    if not clues or any(fits for _, fits in clues):
         return None
-    t_ns, prepared, _ = clues[0]
+    prepared, _ = clues[0]
     name = f"epoch {prepared.epoch} ({prepared.digest:06X})"
     if prepared.contingency:
-        text = f"{name} is no contingency of {spec.name}: give the spec and --contingencies of the recording"
-    else:
-        text = f"{name} is no configuration of {spec.name}: give the spec of the recording"
-    return Remark(t_ns, text, differs=True)
+        return f"{name} is no contingency of {spec.name}: give the spec and --contingencies of the recording"
+    return f"{name} is no configuration of {spec.name}: give the spec of the recording"
 
 
-def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
-    """Give each PREPARE that shows which spec was flown: its time, itself, and whether it matches this spec."""
+def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[Prepare, bool]]:
+    """Give each PREPARE that shows which spec was flown: itself, and whether it matches this spec."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}
-    for t_ns, command, frame in mastership.said:
+    for _, command, frame in mastership.said:
         message = decode_command(command, frame.data)
         match message:
             case Prepare() if message != prepared:
                 prepared, heads, bodies = message, {}, {}
                 if message.contingency:
-                    yield t_ns, message, message.digest in called
+                    yield message, message.digest in called
             case SliceHead(node=node):
                 heads[node] = message
             case SliceBody(node=node):
                 bodies.setdefault(node, {})[message.index] = message.body
                 body = _whole(heads.get(node), bodies[node])
                 if body is not None and prepared is not None:
-                    yield t_ns, prepared, slice_digest(spec.digest, body) == heads[node].digest
+                    yield prepared, slice_digest(spec.digest, body) == heads[node].digest
 
 
 def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:

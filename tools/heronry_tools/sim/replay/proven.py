@@ -8,8 +8,8 @@ decides for a standby manager (`Authenticity`) decides here, too; sessions are t
     an EMCY            follows the page 0 that has proven it
     pages 2 and 3      are left out, as is every state that is not proven
 
-A manager that has just restarted could not yet believe some states that count here, if the session before was still
-open: so a PE may become available in the replay a few periods sooner than in the flight.
+A manager that had just restarted could not believe some states that count here, if the session before was still open.
+So a PE may become available in the replay a few periods sooner than in the flight.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -4,8 +4,8 @@ A *mastership* is identified by its LEASEs: their sender (126 or 127) and their 
 LEASE, since a manager listens for so long, and ends with the last LEASE. A *decision* is the first PREPARE of an epoch,
 or the first ACTIVATE with a step; repetitions are no decisions.
 
-A mastership whose begin was not recorded cannot be replayed: decisions before the recording are unknown. Its first
-LEASE shows that, as it names an epoch.
+A mastership whose beginning was not recorded cannot be replayed: decisions before the recording are unknown. Such a
+mastership is recognized by its first LEASE, which names an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, which differ in the name of the channel. The
 manager's bus is the channel named as in the spec, or the only one, or the one that the user names. For a replicated bus
@@ -32,7 +32,7 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A step that a manager took towards a configuration, at `t_ns`; two decisions are equal whatever their times."""
+    """A step that a manager took towards a configuration, at `t_ns`; the time does not count when two are compared."""
 
     t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE
@@ -58,7 +58,7 @@ class Mastership:
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
     def calls_by_number(self) -> bool:
-        """Tell whether the manager called a contingency by its number, and so flew with contingencies."""
+        """Tell whether a PREPARE names a contingency by its number, so that the manager flew with contingencies."""
         prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
         return any(isinstance(message, Prepare) and message.contingency for message in prepared)
 

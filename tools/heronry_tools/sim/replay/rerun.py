@@ -1,12 +1,12 @@
 """Replays one recorded mastership through the manager's core.
 
 The core gets the frames that the manager heard, at their recorded times, and its own deadlines in between. The bus does
-not show when the planner answered, nor with which plan; both are derived from what the manager prepared next:
+not show when the planner answered, nor with which plan. Both are derived from what the manager prepared next:
 
-- If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, this is the answer, given at
-  the time of the PREPARE.
-- If it is another configuration that is legal in the situation of the core's request, the core gets this one, so that
-  the rest can be replayed. A remark reports the difference, and the value of both plans.
+- If the prepared digest is that of the best plan, of the greedy plan, or of a contingency, that plan is the answer. It
+  was given at the time of the PREPARE.
+- If the prepared configuration is another one, but legal in the situation of the core's request, the core gets it, so
+  that the rest can be replayed. A remark reports the difference, and the value of both plans.
 - If nothing prepared later is legal in that situation, there was no answer in time: the next request replaced it, or
   the plan was no better than what ran.
 - If a LEASE names a configuration that would be planned now, the manager adopted it.
@@ -100,7 +100,10 @@ class Planners:
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Give every plan that could answer a request, likeliest first: with and without contingencies and solver."""
+        """Give every plan that could answer a request, the likeliest first.
+
+        These are the plans with and without contingencies, and with and without a solver.
+        """
         found = set()
         for policy in self._fittings:
             (instruction,) = policy.step(request)

@@ -4,7 +4,7 @@ An expectation *holds since* the first frame of an unbroken chain of frames that
 the end of the expectation's time. It breaks at a frame that contradicts the expectation, and where no frame comes for
 longer than this:
 
-    outputs     two and a half periods of the slowest mode that makes them: one missing output is no silence, two are
+    outputs     two and a half periods of the slowest mode that makes them, so that one output may be missing
     data        two and a half periods likewise
     states      one heartbeat period more than the bus lets a PE miss
     LEASE       the time after which a PE considers its manager lost
@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from heronry_dg.model import Mode, Spec
+from heronry_dg.situation import module_of
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import Expectation
@@ -84,10 +85,10 @@ class Evaluation:
                 active = [s for s in heard.states if s.page.epoch != NO_EPOCH]
                 return [(s.t_ns, s.page.epoch != old) for s in active], max(map(self._missed_ns, self._spec.pes))
             case _:
-                return [(t, element == one.subject) for t, element in heard.reports], None
+                return [(t, one.subject in (element, module_of(element))) for t, element in heard.reports], None
 
     def _last_against(self, one: Expectation) -> int | None:
-        """Give when the last frame that contradicts an expectation was heard in its time; None if there is none."""
+        """Give the time at which the last frame that contradicts an expectation was heard; None if there is none."""
         kind, _, name = one.subject.partition(":")
         heard = self._heard
         match kind:
@@ -184,7 +185,7 @@ def _patience_ns(modes: Iterable[Mode]) -> int:
 
 
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
-    """Give the begin of the unbroken chain of marks that reaches `until_ns`; None if there is none."""
+    """Give the beginning of the unbroken chain of marks that reaches `until_ns`; None if there is none."""
     since_ns = last_ns = None
     for t_ns, says in marks:
         if t_ns > until_ns:

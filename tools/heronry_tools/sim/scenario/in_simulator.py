@@ -1,8 +1,9 @@
 """Flies a script in the simulator: virtual time, the flight cores, all random values from the script's seed.
 
-Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn one
-(`end_of_flight`): what must always hold, silences without need, and, after the script, that the aircraft converges once
-every fault that can be ended is ended. An exception of a core ends the flight, which then fails.
+Besides the script's expectations, the oracles of the simulator verify the flight as they verify a drawn flight
+(`end_of_flight`). They verify the rules that always hold, and silences without need. After the script every fault that
+can be ended is ended, and the oracles verify that the aircraft converges. An exception of a core ends the flight, which
+then fails.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,7 +43,8 @@ def _take_off(script: Script) -> Simulation:
 def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation], None] | None = None) -> Flown:
     """Fly a script; raises UserError if something cannot be done at its time.
 
-    is_compared: compare the trace with the golden one, if there is one; False if that is about to be rewritten.
+    is_compared: compare the trace with the golden one, if there is one; False if the golden trace is about to be
+    rewritten.
     watch: gets the flight before it begins.
     """
     flight = _take_off(script)
@@ -73,7 +75,10 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
 
 
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
-    """Do what the script says, to its end; gives for each deed the number of events before it, and its trace line."""
+    """Do what the script says, to its end.
+
+    Gives for each deed of the script how many events came before it, and its line of the trace.
+    """
     _begin(flight, script)
     start_ns = _start_ns(flight)
     injections, deeds = Injections(flight, script.faults, start_ns), []
@@ -95,8 +100,8 @@ def _end(flight: Simulation, script: Script, injections: Injections) -> list[str
 def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
     """Give the kills and the jammed actuators of a script as faults, for the oracle `service`.
 
-    If one of two managers is killed, this fault ends when it begins, since the other manager takes over. The fault of
-    a jammed actuator names no element: when the actuator is reported depends on the monitors.
+    If one of two managers is killed, the fault ends at the time at which it begins, since the other manager takes over.
+    The fault of a jammed actuator names no element: when the actuator is reported depends on the monitors.
     """
     start_ns, restored = _start_ns(flight), dict[str, int]()
     for deed in reversed(script.deeds):
@@ -111,7 +116,7 @@ def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
 
 
 def _missed(script: Script, injections: Injections) -> Iterator[str]:
-    """Give a sentence for each fault that was not injected, or not in the state that the script names."""
+    """Give a sentence for each fault that was not injected, or was injected in another state than the script names."""
     for deed in script.deeds:
         story = None if deed.fault is None else not_injected(deed.fault, deed.text, injections)
         if story is not None:
@@ -127,7 +132,7 @@ def _begin(flight: Simulation, script: Script) -> None:
 
 
 def _start_ns(flight: Simulation) -> int:
-    """Give when the first configuration ran; the present time if none has."""
+    """Give the time at which the first configuration ran; the present time if none has run."""
     return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 

@@ -174,7 +174,7 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Give an expectation more time: by `patience`, and if a process is started in it."""
+        """Give an expectation more time: times `patience`, and 3 s more if a process is started in its time."""
         if not one.within_ns:
             return one
         starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
@@ -239,7 +239,10 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Do a step to the manager that the deed names; the last step goes to the same manager as the first."""
+        """Do a step to the manager that the deed names.
+
+        The second step of a deed goes to the same manager as the first.
+        """
         node = self._injected.get(step.deed.line) if step.is_last else MANAGERS[step.target]
         if node is None:
             node = FIRST_MANAGER if step.what == "restore" else self._fleet.active_manager()

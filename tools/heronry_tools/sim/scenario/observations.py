@@ -1,13 +1,14 @@
 """Everything that was heard on the managers' bus, with times: the only input of expectations.
 
 Outputs come from the witness (echoes of actuators, frames of outputs). Data, states of PEs, EMCYs and LEASEs come from
-their frames. Events of a manager are not used. All is kept until the flight is over and evaluated then, so a flight in
-the simulator and one of real processes are evaluated alike.
+their frames. Events of a manager are not used. All observations are kept until the flight is over and evaluated then,
+so a flight in the simulator and a flight of real processes are evaluated alike.
 """
 
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
+from heronry_dg.situation import places
 from heronry_dg.traffic import identifiers
 from heronry_tools.runtime.witness import Output, Witness
 from heronry_wire.frame import Frame, Malformed
@@ -50,6 +51,7 @@ class Observations:
     _pe_of_state: dict[int, str] = field(init=False)
     _pe_of_emergency: dict[int, str] = field(init=False)
     _names: dict[ElementKind, tuple[str, ...]] = field(init=False)
+    _places: frozenset[str] = field(init=False)
 
     def __post_init__(self) -> None:
         spec = self.spec
@@ -57,6 +59,7 @@ class Observations:
         self._variables = {number: variable for (_, variable), number in identifiers(spec).items()}
         self._pe_of_state = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emergency = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
+        self._places = frozenset(place for module in spec.modules for place in places(spec, module))
         self._names = {
             ElementKind.PE: tuple(spec.pes),
             ElementKind.DEVICE: tuple(spec.devices),
@@ -94,7 +97,10 @@ class Observations:
             return
         names = self._names.get(emergency.kind, ())
         if emergency.index < len(names):
-            self.reports.append((t_ns, f"{emergency.kind.name.lower()}:{names[emergency.index]}"))
+            element = f"{emergency.kind.name.lower()}:{names[emergency.index]}"
+            place = f"{element}@{self._pe_of_emergency[frame.can_id]}"
+            by_itself = emergency.code is not FaultCode.REPORTED and place in self._places
+            self.reports.append((t_ns, place if by_itself else element))
 
 
 _LEASES = frozenset(management_id(node, Command.LEASE) for node in MANAGER_NODES)

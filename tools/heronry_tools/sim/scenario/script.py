@@ -37,9 +37,8 @@ end of the script:
 A line that cannot be read raises a UserError with the place and the remedy.
 """
 
-import difflib
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
@@ -58,6 +57,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec_file, named_function, spec_path
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
 from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
+from heronry_wire.spelling import meant
 
 
 def _priority(text: str) -> SetPriority:
@@ -291,7 +291,8 @@ class _Reader:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
                 known = ["kill", "restore", "phase", "priority", "fail", "clear", "script", "release", "stick", *KINDS]
-                self._refuse(f"'{text}' cannot be done; {_hint(words[0], known)}")
+                remedy = meant(words[0], known, f"what can be done is {', '.join(known)}")
+                self._refuse(f"'{text}' cannot be done; {remedy}")
         self.deeds.append(deed)
 
     def _script_text(self, name: str) -> str:
@@ -365,7 +366,7 @@ class _Reader:
     def _variable(self, name: str) -> None:
         assert self.spec is not None
         if name not in self.spec.variables:
-            self._refuse(f"no variable is named '{name}'; {_hint(name, self.spec.variables, 'there is')}")
+            self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
         """Set the end of an expectation; refuses one whose time to come true is not over by then."""
@@ -433,9 +434,3 @@ class _Reader:
 
 def _plain_seconds(ns: int) -> str:
     return f"{ns / 1e9:.3f}".rstrip("0").rstrip(".")
-
-
-def _hint(word: str, known: Iterable[str], otherwise: str = "what can be done is") -> str:
-    names = list(known)
-    close = difflib.get_close_matches(word, names, n=1)
-    return f"did you mean '{close[0]}'?" if close else f"{otherwise} {', '.join(names)}"

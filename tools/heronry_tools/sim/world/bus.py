@@ -79,7 +79,7 @@ class Clash(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """How often one frame is received (0: not at all), by one `receiver` or, where that is None, by all stations."""
+    """How often one frame is received (0: not at all), by one `receiver`, or by all stations if that is None."""
 
     copies: int
     receiver: str | None = None
@@ -308,7 +308,10 @@ class SimulatedBus:
         return None
 
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
-        """Find a rival in the same arbitration; tells whether both frames are destroyed, and after how many bits."""
+        """Find a rival in the same arbitration; tells whether both frames are destroyed, and after how many bits.
+
+        A rival is a station that sends under the same identifier at the same time.
+        """
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:
             return False, bits

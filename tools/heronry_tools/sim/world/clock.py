@@ -1,7 +1,8 @@
 """Virtual time: a queue of callbacks, ordered by time.
 
-Two callbacks of one instant are called in the order in which they were scheduled. The one exception is arbitration,
-which waits until each node has sent its frames of that instant (`at_last`). So one seed gives one run.
+Two callbacks of one instant are called in the order in which they were scheduled. Arbitration is the one exception: it
+comes after all other callbacks of its instant, when each node has sent its frames (`at_last`). So one seed gives one
+run.
 """
 
 from collections import deque

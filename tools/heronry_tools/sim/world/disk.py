@@ -1,11 +1,11 @@
 """The disk with a simulated manager's journal: the bytes that a real manager would write, and effects of power cuts.
 
-Terms and reserved numbers are on the disk at once. Other records are `SYNCED_AFTER_NS` later, when the manager's frames
-have been sent; until then a power cut may leave any part of them (`torn`). If only the manager is killed, nothing is
-lost.
+Terms and reserved numbers are on the disk at once. Other records follow `SYNCED_AFTER_NS` later, when the manager's
+frames have been sent; until then a power cut may leave any part of them (`torn`). If only the manager is killed,
+nothing is lost.
 
-A full or read-only disk (`refuses`) may first write a part of the line that it refuses, and then nothing. Each later
-record, and each start of a manager, tries to write the whole journal.
+A full or read-only disk (`refuses`) may write a part of the first line that it refuses, and writes nothing after that.
+Each later record, and each start of a manager, tries to write the whole journal.
 """
 
 from collections import deque

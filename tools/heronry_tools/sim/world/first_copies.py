@@ -1,7 +1,7 @@
 """Merges the two channels of a replicated bus for observers: of each transmission only the first copy is passed on.
 
-The copies of one transmission are recognized by the Python object that both channels were given. The nodes recognize
-copies otherwise, which the oracles verify.
+The copies of one transmission are recognized by the Python object that both channels were given. The nodes do not use
+that object, but compare bytes and times; the oracles verify what they do.
 """
 
 from collections import deque

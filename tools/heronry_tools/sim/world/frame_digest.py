@@ -1,4 +1,4 @@
-"""The digest of a run, over each frame with its time, bus and sender: two runs with one digest are the same."""
+"""The digest of a run, over each frame with its time, bus and sender; two runs with equal digests are equal."""
 
 import hashlib
 import struct

@@ -1,7 +1,8 @@
 """The clock of one node: it starts at its own moment, is a little fast or slow, and may jump ahead.
 
-A node's monotonic clock never goes back. `ahead_ns` is its lead over virtual time at the start; `ppm` is how fast it is
-in millionths. A jump is what the clock of a machine does that has slept unnoticed.
+A node's monotonic clock never goes back. `ahead_ns` is its lead over virtual time at the start; `ppm` is how fast it
+is, in millionths. The clock of a computer jumps ahead when the computer has been suspended and its programs did not
+notice.
 
 The clock is read several times for each frame, so the time of an instant is computed once, with small numbers.
 """

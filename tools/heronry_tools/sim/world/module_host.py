@@ -2,8 +2,8 @@
 
 The core gives actions, the host executes them, and each answer goes back to the core as an event. On a real node
 `heronry_agent.shell.partition_host` takes the same actions and gives the same events, with the modules in separate
-processes. Here no module is protected from another, and a step takes no time: a module that hangs or is slow by a fault
-is modelled by `module_steps`.
+processes. Here no module is protected from another, and a step takes no time. `module_steps` models modules that hang
+or are slow because of a fault.
 
 All images of the table are loaded when the host is created; `missing_images` are those that cannot be loaded.
 """

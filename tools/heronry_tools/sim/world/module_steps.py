@@ -1,9 +1,9 @@
-"""The execution time of modules in a simulated PE: none, unless there is a fault in a module or in the processor.
+"""The execution time of modules in a simulated PE: zero, unless there is a fault in a module or in the processor.
 
-A module's step takes no time, unless a fault makes the module overrun or its processor slow. An overrun is reported to
-the core as time spent; the time of a slow processor, a pause or a jump of the clock is not, as on a real node. A step
-whose turn comes after the core's time limit for it (`until_ns`) is not executed, as in a real partition. While a step
-is late, further steps of its partition wait.
+A fault may make a module overrun, or the processor slow. An overrun is reported to the core as time spent. The time of
+a slow processor, a pause or a jump of the clock is not reported, as on a real node. A step whose turn comes after the
+core's time limit for it (`until_ns`) is not executed, as in a real partition. While a step is late, further steps of
+its partition wait.
 
 The faults: a module may be `broken` (it raises, gives a value outside its type's range or a wrong value, overruns, or
 requests a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
@@ -89,7 +89,7 @@ class ModuleSteps:
         self._requested_ns: dict[int, int] = {}  # by release of a step that waits: when it was requested
 
     def step(self, action: StepModule) -> ModuleEvent | None:
-        """Execute a step, with the faults of this PE; gives its event, or None if that comes later or never."""
+        """Execute a step, with the faults of this PE; gives its event, or None if the event comes later or never."""
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)
@@ -103,7 +103,7 @@ class ModuleSteps:
         if self.stuck:
             self._hung[action.module] = (action, now_ns)
             return None
-        how = self._broken.get(self.names[action.module]) if self._broken else None
+        how = self._broken_as(self.names[action.module]) if self._broken else None
         if how is not None:
             return self._fail(action, how)
         answer = self._host.carry_out(action, self._time.now_ns())
@@ -111,8 +111,12 @@ class ModuleSteps:
             self._processor.pause(self.slow.randrange(_SLOWEST_NS))
         return answer
 
+    def _broken_as(self, module: str) -> str | None:
+        """Give the kind of failure of a module, on this PE or on each PE; None if it does not fail."""
+        return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
+
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Give the time that a step has spent: its whole time if it hangs, else none."""
+        """Give the time that a step has spent: its whole time if it hangs, else 0."""
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
@@ -169,7 +173,7 @@ class ModuleSteps:
         return answer
 
     def _end_late(self, late: Stepped, behind: list[StepModule]) -> None:
-        """Complete a late step, and execute the waiting steps of its partition, unless that was ended meanwhile."""
+        """Complete a late step, and execute the waiting steps of its partition if the partition still runs."""
         self._processor.give(late)
         partition = self._partitions[late.module]
         if self._behind.get(partition) is behind:

@@ -1,8 +1,8 @@
 """Base of simulated nodes: a clock of the node's own, one timer, and a processor that may be paused.
 
 A node uses a `Station` and the virtual `Clock` as a real driver uses a socket and a timer. While its processor is
-paused, its controllers work on: the frame in the mailbox is sent, and frames that arrive are kept, as many as a socket
-holds. They are given to the core after the pause, with their age, and before any deadline.
+paused, its controllers work on: the frame in the mailbox is sent, and frames that arrive are kept, up to the capacity
+of a socket. The core gets them after the pause, with their age, and before any deadline.
 """
 
 from collections.abc import Callable, Container, Sequence

@@ -67,7 +67,10 @@ class PeOutbox:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """Give how long the frame that has just left by a radio took since `send`; None if the core needs no time."""
+        """Give how long the frame that has just left by a radio took since `send`, in ns.
+
+        None if no core needs the time.
+        """
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns
 

@@ -2,7 +2,8 @@
 
 Answers are kept for the life of the process. A plan depends only on the spec, the situation and what runs, so keeping
 it changes no run. The verifier has accepted every plan, as in flight. An oracle needs only levels 1 to 3 of the best
-plan, which do not depend on what runs (that counts at level 4), so any plan that is proven best at these will do.
+plan. These do not depend on what runs (which counts at level 4), so any plan that is proven best at levels 1 to 3 will
+do.
 
 The policy that flies (`heronry_manager.core.planning_policy`) decides which planner gets a request; `Planners` are the
 planners behind it. By default there is only the exact planner, so every answer is the best plan, as if every fault had
@@ -54,7 +55,10 @@ PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec, 
 
 
 def prepared(spec: Spec, faults: int | None) -> Prepared:
-    """Compile the tables of a spec, with contingencies for up to `faults` faults on board, or (None) without."""
+    """Compile the tables of a spec, with contingencies for up to `faults` faults on board.
+
+    None: without contingencies.
+    """
     known = PREPARED.get((spec.digest, faults))
     if known is None:
         made = None if faults is None else plan_ahead(spec, faults)
@@ -75,7 +79,7 @@ def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
 
 def plan_ahead(spec: Spec, faults: int) -> Contingencies:
     """Make a contingency for every set of up to `faults` faults in every phase, as `heronry contingencies` does."""
-    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
+    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,), places=True)
     return numbered(spec, scope, sweep(spec, scope, None))
 
 
@@ -109,7 +113,7 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
 
 
 def best_at_all(spec: Spec, now: Situation) -> Plan:
-    """Give a plan that is best at levels 1 to 3, whatever runs; for oracles."""
+    """Give a plan that is best at levels 1 to 3, whatever runs; the oracles use it."""
     known = KNOWN_PLANS.get((_question(spec, now), _WHATEVER))
     return best_plan(spec, now, None) if known is None else known
 

@@ -1,8 +1,8 @@
 """The one plant of a run, and the device drivers through which each PE reads and moves it.
 
-In flight every process has its own plant, which follows the others by their output echoes. The simulator is one process
-and has one plant, which is more realistic: a surface stays where it is when its PE restarts, and a failed servo stays
-failed. The plant is read and moved at the true time, whatever a PE's clock shows.
+In flight every process has a plant of its own, which learns from output echoes what the actuators of other PEs do. The
+simulator is one process and has one plant, which is more realistic: a surface stays where it is when its PE restarts,
+and a failed servo stays failed. The plant is read and moved at the true time, whatever a PE's clock shows.
 """
 
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ class PlantView:
         return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
-        """Give the actuators on other PEs whose echoes a plant of one process would need."""
+        """Give the actuators on other PEs whose echoes a plant of its own would need."""
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:

@@ -1,9 +1,9 @@
-"""The port of a simulated node on a replicated bus, as `heronry_wire.replicated_link` is that of a real node.
+"""The port of a simulated node on a replicated bus; on a real node this is `heronry_wire.replicated_link`.
 
-Each frame is offered to both channels as one Python object, by which an observer recognizes the copies of one
-transmission; the node does not use that. The parts that fly (`ChannelMerge`, `ChannelWatch`) decide on each received
-frame. When one copy has been sent, the time of the other is cut short. A simulated controller can abort a frame that it
-has not begun to send, so no late copy is sent here.
+Each frame is offered to both channels as one Python object. By that object an observer recognizes the copies of one
+transmission; the node does not use it. The parts that fly (`ChannelMerge`, `ChannelWatch`) decide on each received
+frame. When one copy has been sent, the time limit of the other is shortened. A simulated controller can abort a frame
+that it has not begun to send, so no late copy is sent here.
 
 To the node this is one port. `listener` gets each frame once, `left` is called when the first copy of a frame was sent,
 and `told` with the channels that are lost. `witness` gets every copy and the decision on it, for the oracles.

@@ -200,7 +200,8 @@ class SdoTalk:
     ) -> Talk[Abort | None]:
         """Write an object by blocks; gives the server's abort, or None.
 
-        loses: number of the segment of the first block that gets lost; 0: none. checksum: a wrong one; None: right.
+        loses: number of the segment of the first block that gets lost; 0: no segment. checksum: a wrong checksum to
+        send; None: the right one.
         """
         answer = yield from self.ask(
             with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE, index, sub_index, len(data))

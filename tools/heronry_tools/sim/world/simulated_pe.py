@@ -1,8 +1,8 @@
 """The driver of a simulated PE: its core, its stations, its modules, and its timer on the virtual clock.
 
 Core and modules are those that fly. A PE has its own clock (`LocalClock`): the processors of an aircraft are not
-switched on at one moment, and the phase between their periods matters. `module_steps` models the time of steps,
-`pe_outbox` the sending of frames.
+switched on at one moment, so the periods of two PEs are shifted against each other, and the shift matters.
+`module_steps` models the time of steps, `pe_outbox` the sending of frames.
 
 The core's invariants are checked after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
@@ -19,6 +19,7 @@ from heronry_agent.core.vocabulary import (
     Drive,
     EndPartition,
     Event,
+    ImagesMissing,
     Left,
     MeasureStep,
     ModuleEvent,
@@ -64,20 +65,22 @@ class SimulatedPe(Node):
         broken: Mapping[str, str],
         broke: Callable[[str], None],
         witness: Callable[[Copy], None],
+        lacks: frozenset[str] = frozenset(),
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
         drive: called with every step of a module that drives. look: called with some steps of other modules.
         move: called with every order to a device. witness: gets every copy of a frame on a replicated bus.
-        broken: by module, how it fails at its next step, or which phase it requests (ASKS).
-        broke: called when a module has failed.
+        broken: by module, or by NAME@PE, how it fails at its next step, or which phase it requests (ASKS).
+        broke: called when a module has failed. lacks: modules whose code is missing here.
         """
         super().__init__(clock, time)
         self.name = table.name
         self._move = move
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
-        missing = frozenset(self._host.missing_images)
+        self._images = {module.name: module.image for module in table.modules}
+        missing = frozenset(self._host.missing_images).union(self._images[module] for module in lacks)
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
@@ -103,6 +106,10 @@ class SimulatedPe(Node):
             self._ears[port].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
+
+    def lack(self, module: str) -> None:
+        """Let the code of a module turn out to be missing."""
+        self.give(ImagesMissing({self._images[module]: "the simulator took it away"}))
 
     def unstick(self) -> None:
         """Complete the steps that hang."""

@@ -1,8 +1,8 @@
 """The reports of a simulated PE about its modules: observed steps, and orders to devices.
 
-Every step of a module that drives an actuator or is a branch of a DEMUX is reported (`Driven`) with its inputs, and
-every eighth of all other steps. Every order of the PE to a device is reported (`Moved`); it may come much later than
-the module's step, or never.
+A step is reported (`Driven`) with its inputs. This holds for every step of a module that drives an actuator or is a
+branch of a DEMUX, and for every eighth of all other steps. Every order of the PE to a device is reported (`Moved`); the
+order may come much later than the module's step, or never.
 """
 
 from collections.abc import Mapping

@@ -16,7 +16,7 @@ class Stranger:
     """A foreign node, which sends from its creation until `leave`."""
 
     def __init__(self, clock: Clock, bus: SimulatedBus, frame: Frame, every_ns: int | None = None) -> None:
-        """Send a frame every `every_ns`, or without pause where that is None."""
+        """Send a frame every `every_ns`; without pause if that is None."""
         self._clock, self._bus, self._frame = clock, bus, frame
         self._every_ns = every_ns or exact_bits(frame) * _NS_PER_S // bus.bitrate
         self._station = bus.join(f"{STRANGER}{frame.can_id}", 0, lambda _: None, ())

@@ -59,7 +59,7 @@ def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
 
 
 def _alter(uses: frozenset[Use], share: float) -> Inject:
-    """Alter the given share of all received frames with these uses."""
+    """Alter a share of all received frames that have one of these uses (data or commands)."""
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
         wires = simulation.wiring.wires[fault.name]

@@ -1,7 +1,7 @@
 """The form of an injection: a function that does something to a simulation, and returns the function that ends it.
 
 It returns None if it injected nothing (for example a pause of a dead PE). No fault is ended twice. A fault of a PE or
-manager that has died meanwhile is not ended: it died with that incarnation.
+manager that has died meanwhile is not ended, because it ended with that incarnation.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ _PLUG_HOLDS_MS = (6, 40, 200)  # longest time in one of these states; one of the
 
 
 def nothing() -> None:
-    """Do nothing: the end of a fault that has nothing to end."""
+    """Do nothing; ends a fault for which there is nothing to end."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:

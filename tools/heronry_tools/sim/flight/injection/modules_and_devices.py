@@ -12,12 +12,18 @@ _BIAS = 40.0
 def _module(simulation: Simulation, fault: Fault, _: Random) -> End:
     broken = simulation.fleet.broken_modules
     broken[fault.name] = fault.kind
-    simulation.truth.excuse(fault.name)
+    simulation.truth.excuse(fault.name.partition("@")[0])
 
     def end() -> None:
         broken.pop(fault.name, None)
 
     return end
+
+
+def _missing(simulation: Simulation, fault: Fault, _: Random) -> End:
+    module, _at, pe = fault.name.partition("@")
+    simulation.fleet.lacks(pe, module)
+    return nothing
 
 
 def _dead(simulation: Simulation, fault: Fault, _: Random) -> End:
@@ -35,6 +41,7 @@ ON_MODULES_AND_DEVICES: dict[str, Inject] = {
     "unfit": _module,
     "wrong": _module,
     "overrun": _module,
+    "missing": _missing,
     "dead": _dead,
     "bias": _bias,
 }

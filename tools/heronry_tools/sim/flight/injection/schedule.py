@@ -53,7 +53,10 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a moment after the fault's state has begun; if the state is over by then, wait for its next begin."""
+        """Inject a moment after the fault's state has begun.
+
+        If the state is over by then, wait until it begins again.
+        """
         simulation = self._simulation
 
         def inject() -> None:

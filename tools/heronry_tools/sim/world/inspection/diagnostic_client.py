@@ -1,8 +1,8 @@
 """A diagnostic client that inspects one PE by CANopen and CANaerospace, in flight or on a desk, and makes mistakes.
 
-No message of the client may disturb the flight, and the PE must answer each as the standards say. The client knows the
-standards (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to the PE's state frames, and has no
-access to a core. The first wrong answer is reported (`wrong`) and ends the inspection.
+No message of the client may disturb the flight, and the PE must answer each message as the standards say. The client
+knows the standards (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to the PE's state frames,
+and has no access to a core. The first wrong answer is reported (`wrong`) and ends the inspection.
 
     in flight   the PE is configured: everything can be read, NMT commands and tables are refused
     on a desk   the PE runs nothing and hears no manager: NMT commands work, and the PE's own table may be written again

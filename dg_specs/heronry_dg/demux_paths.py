@@ -1,0 +1,170 @@
+"""Checks the paths behind the DEMUXes of a spec: which branch leads to which end.
+
+A branch of a DEMUX may be the first of several modules on the way to an actuator. Then the DEMUX names in `to` the
+modules at which its paths end, and a function is served only when such an end runs. This file decides which modules
+*belong* to a branch (docs/semantics.md, section 2): modules that can run, but cannot run without the branch. What can
+run is computed for a spec with all elements up and unlimited resources. It is the greatest set of (module, mode) in
+which each module has a PE, and the set can meet the needs of each mode. Feedback counts as a supply.
+
+The search removes modes one by one, and looks again only at the readers of a datum that lost its last giver. So each
+branch takes a few passes over the spec at most.
+
+Not known here: whether a path fits its PEs and buses. The planner knows that.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable
+
+from heronry_dg import yaml_source
+from heronry_dg.draft import Draft
+from heronry_dg.findings import Findings, Place, listed
+from heronry_dg.gates import Leaf, could_hold
+from heronry_dg.model import Demux, Mode, Module, Spec
+from heronry_dg.rules import graph as rules
+from heronry_dg.situation import hosts_when_all_is_up
+
+_Datum = tuple[str, int]  # variable, version
+
+
+def check_demux_paths(draft: Draft, spec: Spec, findings: Findings) -> None:
+    """Check that `to` has one end for each branch, and that `to` is given where a function needs it."""
+    outputs = {function.output for function in spec.functions.values()}
+    asked = [demux for demux in spec.demuxes.values() if demux.to or (demux.name in outputs and _bare(spec, demux))]
+    if not asked:
+        return
+    paths = DemuxPaths(spec)
+    for demux in asked:
+        if demux.to:
+            _check_ends(draft, paths, demux, findings)
+        else:
+            _check_lack_of_ends(draft, paths, demux, findings)
+
+
+def _check_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
+    """Find an end that belongs to no branch, or to several, or to the branch of another end."""
+    hint = "name one end for each branch: a module that can run only if that branch does"
+    if len(demux.to) != len(demux.branches):
+        sentence = f"DEMUX '{demux.name}' has {len(demux.branches)} branches, and 'to' names {len(demux.to)} modules"
+        findings.add(rules.DEMUX_ENDS, _place(draft, demux, "to"), f"{sentence}: {listed(demux.branches)}", hint)
+        return
+    end_of: dict[str, str] = {}
+    for index, end in enumerate(demux.to):
+        owners = [branch for branch in demux.branches if paths.belongs(end, branch)]
+        place = _place(draft, demux, "to", index)
+        if not paths.can_run(end):
+            findings.add(rules.DEMUX_ENDS, place, f"'{end}' cannot be an end: it never runs", hint)
+        elif len(owners) != 1:
+            which = listed(owners, last="and") if owners else "no branch"
+            sentence = f"'{end}' cannot be an end: it depends on {which} of the DEMUX"
+            findings.add(rules.DEMUX_ENDS, place, sentence, hint)
+        elif (other := end_of.setdefault(owners[0], end)) != end:
+            sentence = f"'{other}' and '{end}' are both ends of branch '{owners[0]}'"
+            findings.add(rules.DEMUX_ENDS, place, sentence, hint)
+
+
+def _check_lack_of_ends(draft: Draft, paths: "DemuxPaths", demux: Demux, findings: Findings) -> None:
+    """Find the first branch that has no actuator and leads on to one: the function would be served without it."""
+    actuators = [name for name, module in paths.spec.modules.items() if _drives(paths.spec, module)]
+    lost = [name for name in actuators if not paths.can_run(name, without=demux.branches)]
+    for branch in _bare(paths.spec, demux):
+        reached = paths.reached_from(branch)
+        ends = [name for name in lost if name in reached] or [m for m in actuators if paths.belongs(m, branch)]
+        if ends:
+            sentence = f"branch '{branch}' of DEMUX '{demux.name}' drives no actuator, and leads on to {listed(ends)}"
+            hint = "name under 'to' the module at which each branch ends, the preferred one first"
+            findings.add(rules.DEMUX_WITHOUT_ENDS, _place(draft, demux), sentence, hint)
+            return
+
+
+def _bare(spec: Spec, demux: Demux) -> list[str]:
+    """Branches that drive no actuator."""
+    return [branch for branch in demux.branches if not _drives(spec, spec.modules[branch])]
+
+
+def _drives(spec: Spec, module: Module) -> bool:
+    return module.device is not None and spec.devices[module.device].kind == "actuator"
+
+
+def _place(draft: Draft, demux: Demux, *path: str | int) -> Place:
+    element = draft.demuxes[demux.name]
+    return yaml_source.place_at(element.node, path) if path else element.place
+
+
+class DemuxPaths:
+    """Tells which modules of a spec can run at all, and which of them depend on a branch of a DEMUX."""
+
+    def __init__(self, spec: Spec) -> None:
+        """Compute what can run when no module has failed."""
+        self.spec = spec
+        self._readers: dict[_Datum, list[tuple[Module, Mode]]] = {}
+        for module in spec.modules.values():
+            for mode in module.modes.values():
+                for datum in {datum for _, leaf in mode.leaves() for datum in _accepted(leaf)}:
+                    self._readers.setdefault(datum, []).append((module, mode))
+        every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
+        homeless = [module.name for module in spec.modules.values() if not hosts_when_all_is_up(spec, module)]
+        givers = Counter(datum for _, mode in every for datum in mode.gives.items())
+        self._whole = _Remains({(module.name, mode.name) for module, mode in every}, givers)
+        self._remove(self._whole, homeless, every)
+        self._without: dict[frozenset[str], _Remains] = {frozenset(): self._whole}
+
+    def can_run(self, module: str, *, without: Collection[str] = ()) -> bool:
+        """Tell whether some mode of a module can run while these modules have failed."""
+        remains = self._remaining(frozenset(without))
+        return any((module, mode) in remains.modes for mode in self.spec.modules[module].modes)
+
+    def belongs(self, module: str, branch: str) -> bool:
+        """Tell whether a module can run, and cannot without a branch."""
+        return self.can_run(module) and not self.can_run(module, without=(branch,))
+
+    def reached_from(self, module: str) -> set[str]:
+        """Modules to which a module gives data, directly or through others, in any modes."""
+        reached, waiting = set[str](), [module]
+        while waiting:
+            for mode in self.spec.modules[waiting.pop()].modes.values():
+                for datum in mode.gives.items():
+                    new = {reader.name for reader, _ in self._readers.get(datum, ())} - reached
+                    reached |= new
+                    waiting += new
+        return reached
+
+    def _remaining(self, failed: frozenset[str]) -> "_Remains":
+        if failed not in self._without:
+            remains = _Remains(self._whole.modes, self._whole.givers)
+            self._remove(remains, failed, ())
+            self._without[failed] = remains
+        return self._without[failed]
+
+    def _remove(self, remains: "_Remains", failed: Iterable[str], doubtful: Iterable[tuple[Module, Mode]]) -> None:
+        """Remove the modes of failed modules, and then all modes whose needs cannot hold any more."""
+        falling = [
+            (self.spec.modules[name], mode) for name in failed for mode in self.spec.modules[name].modes.values()
+        ]
+        falling += [(module, mode) for module, mode in doubtful if not remains.feed(mode)]
+        while falling:
+            module, mode = falling.pop()
+            if (module.name, mode.name) not in remains.modes:
+                continue
+            remains.modes.remove((module.name, mode.name))
+            for datum in mode.gives.items():
+                remains.givers[datum] -= 1
+                if not remains.givers[datum]:
+                    falling += [(one, its) for one, its in self._readers.get(datum, ()) if not remains.feed(its)]
+
+
+class _Remains:
+    """What can still run, and for each datum the number of modules that still give it."""
+
+    def __init__(self, modes: Collection[tuple[str, str]], givers: Counter[_Datum]) -> None:
+        self.modes = set(modes)
+        self.givers = Counter(givers)
+
+    def feed(self, mode: Mode) -> bool:
+        """Tell whether the needs of a mode can be met."""
+        return mode.needs is None or could_hold(
+            mode.needs, lambda leaf: any(self.givers[d] > 0 for d in _accepted(leaf))
+        )
+
+
+def _accepted(leaf: Leaf) -> list[_Datum]:
+    return [(leaf.variable, version) for version in range(leaf.best, leaf.worst + 1)]

@@ -1,0 +1,126 @@
+"""In which order a demo tells its events, what it gathers, and what it waits for at its end."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_manager.core.events import event
+from heronry_tools.cli import main
+from heronry_tools.reports.story import Story
+from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.ordered_telling import OrderedTelling
+from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
+from heronry_tools.runtime.demo.run import GRACE_S, Show
+from heronry_tools.runtime.witness import Outage
+
+MS = 1_000_000
+ELEVATOR = load(Path("dg_specs/elevator_and_chute.dg.yaml"))
+
+
+def names(told: list[Any]) -> list[str]:
+    return [one["event"] for one in told]
+
+
+def test_events_are_told_in_the_order_of_their_times_once_they_were_held() -> None:
+    told: list[Any] = []
+    telling = OrderedTelling(told.append)
+    telling.take(event("pe_joined", 30, pe="b", cause=""))
+    telling.take(event("process", 10, pe="a", pid=1, what="killed"))
+    telling.tell_until(20)
+    assert names(told) == ["process"]
+    telling.take(event("pe_lost", 25, pe="a", cause="", last_heard_ns=1))
+    telling.tell_until()
+    assert names(told) == ["process", "pe_lost", "pe_joined"]
+
+
+def test_events_of_one_time_keep_their_order() -> None:
+    told: list[Any] = []
+    telling = OrderedTelling(told.append)
+    for epoch in range(5):
+        telling.take(event("epoch_abandoned", 7, epoch=epoch, reason=""))
+    telling.tell_until()
+    assert [one["epoch"] for one in told] == [0, 1, 2, 3, 4]
+
+
+class Heard:
+    """A witness of outages that the test names."""
+
+    def __init__(self, outages: list[Outage]) -> None:
+        self._outages = outages
+
+    def outages(self, _now_ns: int) -> list[Outage]:
+        return self._outages
+
+    def served(self, function: str, _now_ns: int) -> bool:
+        return function != "elevator"
+
+
+def show_with(told: list[Any], *outages: Outage) -> Show:
+    show = Show(ELEVATOR, cast("Fleet", None), {}, told.append)
+    show._witness = cast("Any", Heard([*outages]))
+    show._start_ns = 0
+    return show
+
+
+@pytest.mark.parametrize(("count", "lines"), [(3, 3), (4, 1), (60, 1)])
+def test_many_outages_that_end_together_are_one_line_and_each_is_an_event(count: int, lines: int) -> None:
+    told: list[Any] = []
+    show = show_with(told, *(Outage("elevator", n * MS, 500 * MS) for n in range(count)))
+    show._look()
+    show._look()
+    show._telling.tell_until()
+    assert names(told).count("outage") == count
+    story = Story(ELEVATOR)
+    story._plan = {"functions": {"elevator": {"served": True}}}
+    assert len([line for one in told for line in story.tell(one)]) == lines
+
+
+def test_the_demo_says_once_what_it_waits_for_when_its_time_is_up() -> None:
+    told: list[Any] = []
+    show = show_with(told)
+    show._pending = "epoch 4"
+    show._coming_back = {"tail_pe"}
+    show._plan = {"functions": {name: {"served": True} for name in ELEVATOR.functions}}
+    show._seconds = show._show_s() - 1.0
+    assert not show._over()
+    assert not show._over()
+    show._telling.tell_until()
+    (one,) = told
+    assert one["awaited"] == ["tail_pe to join", "epoch 4 to be complete", "elevator to be heard"]
+    show._seconds = show._show_s() - GRACE_S - 1.0
+    assert show._over()
+
+
+def test_without_a_kill_nothing_is_killed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "elevator_and_chute", "--no-kill", "--kill", "pe:tail_pe@1"]) == 2
+    assert "--no-kill flies without a kill" in capsys.readouterr().err
+
+
+def test_plans_that_a_busy_computer_had_no_time_for_are_not_promised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("heronry_tools.runtime.demo.planning_ahead.subprocess.Popen", _Hung)
+    behind = PlanningAhead(ELEVATOR, Path("none"))
+    behind.start()
+    assert str(behind.close()).endswith(
+        "none of them in this demo, which was too short for that on this computer: a longer one (--for 60) makes them"
+    )
+
+
+class _Hung:
+    """A process that never comes to its first plan."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def poll(self) -> None:
+        return None
+
+    def kill(self) -> None:
+        pass
+
+    def communicate(self) -> None:
+        pass

@@ -1,0 +1,30 @@
+"""DG6xx: images. The code that a spec names, as far as it can be found on this computer.
+
+images.py checks these rules in a spec that loads. It runs foreign code, so `check --fast`, the hook of every commit,
+leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is added.
+"""
+
+from typing import Final
+
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DRIVER, RUNS
+
+FAMILY: Final = Family("DG6", "images: code that is found here", fast=False)
+
+
+def _lamp(image: str) -> str:
+    return f"modules:\n{DRIVER}  display: {{device: lamp, needs: speed, image: '{image}', {RUNS}}}\n"
+
+
+IMAGE_NOT_LOADED = FAMILY.warning(
+    "DG601",
+    "image-not-loaded",
+    what="An image `package.module:Class` is found on this computer, and cannot be loaded.",
+    why=(
+        "On a PE it would fail in the same way, when the PE loads its code. An image whose package is not on this "
+        "computer is not looked at: the code of a node need not be here."
+    ),
+    fix="Mend the code, or the name; `heronry module try IMAGE` shows the traceback.",
+    bad=_lamp("heronry_agent.module:Modul"),
+    good=_lamp("heronry_agent.module:Module"),
+)

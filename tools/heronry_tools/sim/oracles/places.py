@@ -1,0 +1,64 @@
+"""Which element counts as failed after a PE's report, as the oracles follow it from the frames.
+
+A PE reports a failed module of its own by the module's index. If the module can run on other PEs too, it counts as
+failed on that PE alone (`module:NAME@PE`), until it fails on a second PE or another module reports it. Then it counts
+as failed everywhere. Missing code does not count as a failure. CLEAR and HOLDS name the PE by its node-ID. If a module
+reports a PE or a bus, that is a suspicion, and nothing counts as failed.
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import module_of, places
+from heronry_tools.sim.oracles.commanded import elements_by_kind
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+
+_BY_OTHERS = (FaultCode.REPORTED,)
+_SUSPECTED = (ElementKind.PE, ElementKind.BUS)
+
+
+class Places:
+    """Names the elements of reports and commands."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._elements = elements_by_kind(spec)
+        self._all = {place for module in spec.modules for place in places(spec, module)}
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._codes: dict[tuple[str, int, int], FaultCode] = {}  # of the last report, by PE, kind and index
+        self._failed: set[str] = set()  # places on which a module has failed, without missing code
+
+    def reported(self, pe: str, message: Emergency) -> str | None:
+        """Note a report of a PE.
+
+        Gives the element or place that it names, or None where the spec has no such element.
+        """
+        self._codes[pe, message.kind, message.index] = message.code
+        element = self._element(message.kind, message.index)
+        place = f"{element}@{pe}"
+        return place if place in self._all and message.code not in _BY_OTHERS else element
+
+    def acknowledged(self, node: int, a: int, index: int) -> str | None:
+        """Give the element that a manager treats as failed when it acknowledges the last report of a node, or None."""
+        if a in _SUSPECTED:
+            return None
+        pe = self._pe_of_node.get(node, "")
+        element, code = self._element(a, index), self._codes.get((pe, a, index))
+        place = f"{element}@{pe}"
+        if place not in self._all or code is None or code in _BY_OTHERS:
+            return element
+        if code is FaultCode.MODULE_MISSING:
+            return place
+        self._failed.add(place)
+        others = [one for one in self._failed if module_of(one) == element and one != place]
+        return element if others else place
+
+    def told(self, a: int, index: int) -> str | None:
+        """Give the element that CLEAR or HOLDS names."""
+        element, pe = self._element(a & 0xFF, index), self._pe_of_node.get(a >> 8)
+        return element if pe is None or element is None else f"{element}@{pe}"
+
+    def cleared(self, element: str) -> None:
+        """Forget the failures of an element; of a module also its failures on each PE."""
+        self._failed = {place for place in self._failed if element not in (place, module_of(place))}
+
+    def _element(self, kind: int, index: int) -> str | None:
+        names = self._elements.get(ElementKind(kind), []) if kind in set(ElementKind) else []
+        return names[index] if index < len(names) else None

@@ -1,0 +1,43 @@
+"""Finds the heartbeat period with which a recording was flown, where the flight has stretched that of the spec.
+
+`heronry demo` flies with a longer heartbeat than the spec's on a computer that cannot keep it: the usual one, doubled
+as often as needed (`kept_heartbeat_ns`). Every time of the protocol follows from that period, so the core that replays
+needs it. The recording carries it, since a manager sends one LEASE in each period: half of the intervals between two
+LEASEs are shorter than a period and half are longer, whatever was late. The candidate that is nearest to their median
+was flown. A recording with fewer than `_FEWEST` intervals tells nothing, and is replayed with the spec's own period.
+"""
+
+from itertools import pairwise
+from math import log2
+from statistics import median
+
+from heronry_dg.model import Spec
+from heronry_tools.runtime.wake_ups import LONGEST_HEARTBEAT_NS, with_heartbeat
+from heronry_tools.sim.replay.recording import Mastership
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
+
+_FEWEST = 4
+
+
+def as_flown(spec: Spec, masterships: list[Mastership]) -> Spec:
+    """Give the spec with the heartbeat periods of the recording: `spec` itself where they are its own."""
+    intervals = [
+        later - earlier for one in masterships for (earlier, _), (later, _) in pairwise(one.leases) if later > earlier
+    ]
+    if len(intervals) < _FEWEST:
+        return spec
+    measured_ns = median(intervals)
+    slower = [with_heartbeat(spec, period_ns) for period_ns in _stretched()]
+    return min((spec, *slower), key=lambda one: abs(log2(period_ns(one) / measured_ns)))
+
+
+def period_ns(spec: Spec) -> int:
+    """Heartbeat period of the manager's bus."""
+    return spec.buses[spec.manager.bus].heartbeat_ns
+
+
+def _stretched() -> list[int]:
+    periods = [USUAL_HEARTBEAT_NS]
+    while periods[-1] < LONGEST_HEARTBEAT_NS:
+        periods.append(2 * periods[-1])
+    return periods
