@@ -52,10 +52,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Record until a signal or the end of the time; returns 0."""
     from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import
     from heronry_tools.console.spec_argument import spec_path  # noqa: PLC0415
-    from heronry_tools.watch.recorder import Recorder  # noqa: PLC0415
+    from heronry_tools.watch.recorder import LEAST_BYTES, Recorder  # noqa: PLC0415
     from heronry_tools.watch.recordings import Recording  # noqa: PLC0415
     from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
 
+    if arguments.limit < LEAST_BYTES:
+        raise UserError(f"--limit {arguments.limit}: a folder needs {LEAST_BYTES // 10**6}M or more")
     feed = opened_source(arguments)
     if isinstance(feed, Recording):
         raise UserError("--log is recorded already: leave it out, and name a manager or a bus")

@@ -23,16 +23,20 @@ from heronry_wire.command_parser import program_version
 from heronry_wire.frame import LoggedFrame, format_log_line
 
 PAIRS = 8  # into which the limit is divided
-LEAST_BYTES = 1_000_000
+LEAST_BYTES = 16_000_000  # so that a pair holds much more than the snapshot with which it begins
+
+
+_DIGITS = 8  # of the number of a pair
 
 
 class Recorder:
     """One folder that is being written."""
 
     def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
-        """Begin a folder, which must be empty or new; raises UserError."""
-        if limit_bytes < LEAST_BYTES:
-            raise UserError(f"a limit of {limit_bytes} bytes holds no flight: give at least 1M")
+        """Begin a folder, which must be empty or new; raises UserError.
+
+        limit_bytes: of the whole folder; LEAST_BYTES or more.
+        """
         self._folder, self._reducer = folder, Reducer(spec)
         self._state = self._reducer.start(source)
         self._pair_bytes, self._limit_bytes = limit_bytes // PAIRS, limit_bytes
@@ -99,7 +103,7 @@ class Recorder:
         self._make_room()
         self._number += 1
         self._written = 0
-        name = self._folder / f"{self._number:08}"
+        name = self._folder / f"{self._number:0{_DIGITS}}"
         self._frames = name.with_suffix(FRAMES_SUFFIX).open("wb")
         self._events = name.with_suffix(EVENTS_SUFFIX).open("wb")
         if self._number > 1:
@@ -114,10 +118,10 @@ class Recorder:
 
     def _make_room(self) -> None:
         """Delete the oldest pairs until the next one has room."""
-        files = sorted([*self._folder.glob(f"*{FRAMES_SUFFIX}"), *self._folder.glob(f"*{EVENTS_SUFFIX}")])
-        sizes = {file: file.stat().st_size for file in files}
-        while files and sum(sizes[file] for file in files) + self._pair_bytes > self._limit_bytes - self._pair_bytes:
-            oldest = files[0].name[:8]
-            for file in [one for one in files if one.name.startswith(oldest)]:
+        sizes = {file: file.stat().st_size for file in sorted(self._folder.iterdir())}
+        pairs = sorted({file.name[:_DIGITS] for file in sizes if file.name.endswith((FRAMES_SUFFIX, EVENTS_SUFFIX))})
+        while pairs and sum(sizes.values()) + 2 * self._pair_bytes > self._limit_bytes:
+            oldest = pairs.pop(0)
+            for file in [one for one in sizes if one.name.startswith(oldest)]:
                 file.unlink()
-                files.remove(file)
+                del sizes[file]
