@@ -194,7 +194,7 @@ def test_metrics_leave_out_what_is_not_known() -> None:
     spec = big_blue().spec
     view = Reducer(spec).start().snapshot
     page = exposition(view).decode()
-    assert "heronry_epoch " not in page.replace("# ", "#")
+    assert "\nheronry_epoch " not in page
     assert "heronry_bus_load_ratio{" not in page
     radio = next(bus.name for bus in spec.buses.values() if bus.kind == "wireless")
     limited = replace(view, buses={**view.buses, radio: replace(view.buses[radio], link="40%")})

@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 from typing import Any
 
 from heronry_tools.watch.reducer import Reducer, State
@@ -11,12 +12,12 @@ _EVERY = 256  # events between two states that are kept
 
 
 class Timeline:
-    """The events of a recording, oldest first, and the snapshot at any time."""
+    """The events of a recording, in the order in which they were told, and the snapshot at any time."""
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source = "log") -> None:
         self.events = events
         self._reducer, self._start = reducer, reducer.start(source)
-        self._times = [event["t_ns"] for event in events]
+        self._times = list(accumulate((event["t_ns"] for event in events), max))  # what is told late counts from then
         self._kept: list[State] = [self._start]  # before event 0, _EVERY, 2 * _EVERY, ...
 
     @property

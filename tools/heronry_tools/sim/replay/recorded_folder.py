@@ -12,6 +12,7 @@ are read back in the clock of the events.
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +53,11 @@ def spec_of(folder: Path) -> Spec:
 def log_of(folder: Path) -> list[LoggedFrame]:
     """Read all frames of a folder, in the clock of its events and in order of time.
 
-    Lines that are no frames are left out: the last one may have been cut by a kill.
+    Lines that are no frames are left out.
     """
     frames, offset_ns = [], head_of(folder)["date_offset_ns"]
     for file in sorted(folder.glob(f"*{FRAMES_SUFFIX}")):
-        for line in file.read_text(encoding="ascii", errors="replace").splitlines():
+        for line in _whole_lines(file):
             logged = parse_log_line(line)
             if not isinstance(logged, Malformed):
                 frames.append(logged._replace(time_ns=logged.time_ns - offset_ns))
@@ -64,12 +65,14 @@ def log_of(folder: Path) -> list[LoggedFrame]:
 
 
 def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
-    """Read all events of a folder, in order of time."""
-    events = []
+    """Read all events of a folder, in the order in which they were told."""
     for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
-        for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
-            try:
-                events.append(json.loads(line))
-            except ValueError:
-                continue
-    yield from sorted((one for one in events if "t_ns" in one), key=lambda event: event["t_ns"])
+        for line in _whole_lines(file):
+            with suppress(ValueError):
+                yield json.loads(line)
+
+
+def _whole_lines(file: Path) -> list[str]:
+    """Read the lines of a file; the last one counts only with its end: a kill may have cut it."""
+    whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
+    return whole.splitlines()
