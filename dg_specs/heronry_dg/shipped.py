@@ -7,6 +7,7 @@ from heronry_wire.errors import HeronryError
 
 _PACKAGE = Path(__file__).resolve().parent
 _FOLDERS = (_PACKAGE.parent, _PACKAGE / "specs")
+_FLIGHTS = tuple(folder / "flights" for folder in _FOLDERS)  # specs of aircraft in a flight dynamics model
 
 
 class UnknownSpecError(HeronryError, LookupError):
@@ -25,7 +26,8 @@ def example_specs() -> tuple[Path, ...]:
 
 
 def shipped_spec_path(name: str) -> Path:
-    """Give the file of a shipped spec; raises UnknownSpecError."""
-    if name in shipped_spec_names():
-        return next(path for folder in _FOLDERS if (path := folder / f"{name}{SUFFIX}").is_file())
+    """Give the file of a shipped spec, or of one that `heronry fly` flies; raises UnknownSpecError."""
+    found = (path for folder in (*_FOLDERS, *_FLIGHTS) if (path := folder / f"{name}{SUFFIX}").is_file())
+    for path in found:
+        return path
     raise UnknownSpecError(f"no spec named '{name}' is shipped; there is {', '.join(shipped_spec_names()) or 'none'}")

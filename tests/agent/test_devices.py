@@ -29,7 +29,7 @@ def bolted(**devices: RecordedDevice) -> tuple[Devices, RecordedDriver]:
 
 
 def test_the_message_about_an_unknown_driver_names_the_installed_ones() -> None:
-    with pytest.raises(DeviceDriverError, match=r"no device driver is named 'plnat'; installed are: plant"):
+    with pytest.raises(DeviceDriverError, match=r"no device driver is named 'plnat'; installed are: flight, plant"):
         find_device_driver("plnat")
 
 

@@ -252,6 +252,13 @@ def test_guidance_banks_towards_home(track: float, bank: float) -> None:
     assert outputs == pytest.approx({"pitch_command": -4.0, "roll_command": bank})
 
 
+def test_guidance_flares_with_level_wings_wherever_home_is() -> None:
+    rig = Rig("guidance", "route")
+    east = {"gps_latitude": 38.03, "gps_longitude": -84.6, "gps_track": 0.0, "mission_stage": 3}
+    assert rig.step(altitude=320.0, **east)["roll_command"] == 20.0
+    assert rig.step(altitude=305.0, **east) == {"pitch_command": 4.0, "roll_command": 0.0}
+
+
 def test_guidance_without_a_position_flies_straight_on_and_flares_at_the_end() -> None:
     rig = Rig("guidance", mode="level", rate_hz=10)
     assert rig.step() == {"pitch_command": -4.0, "roll_command": 0.0}

@@ -245,6 +245,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "campaign": ["campaign", "nosuch"],
     "cutsets": ["cutsets", "nosuch", "elevator"],
     "sim": ["sim", "nosuch"],
+    "fly": ["fly", "nosuch"],
     "exhaust": ["exhaust", "nosuch"],
     "contingencies": ["contingencies", "nosuch", "-o", "made"],
     "table": ["table", "nosuch", "nav"],

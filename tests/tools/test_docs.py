@@ -97,6 +97,10 @@ RULES = [
     Rule(r"heronry sim (big_blue|elevator_and_chute --runs 3 .*)", How.RUN, is_long=True),
     Rule(r"heronry sim big_blue .*", How.RUN, more="--seconds 1 --kill pe:nav@0.5"),  # drawn faults would last longer
     Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
+    Rule(r"heronry fly big_blue( --report .*)?", How.EXEMPT, "an hour of flight; test_big_blue_flights.py, when long"),
+    Rule(r"heronry fly .*--live.*", How.LIVE, is_long=True),
+    Rule(r"heronry fly eav --report .*", How.RUN),
+    Rule(r"heronry fly .*", How.RUN, is_long=True),
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
     Rule(r"heronry diff HEAD:dg_specs/big_blue.*", How.RUN, is_long=True),  # render.md has it with a smaller spec

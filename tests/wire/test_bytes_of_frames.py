@@ -34,6 +34,7 @@ OTHER_BYTES = {
     "heronry_manager/shell/control_place.py": "who calls (SO_PEERCRED)",
     "heronry_tools/aircraft/plant/noise.py": "a digest, of which noise is made",
     "heronry_dg/yaml_source.py": "a file",
+    "heronry_tools/fly/live/shared_readings.py": "what the plant process and its devices share",
     "heronry_tools/runtime/softbus/port.py": "who calls (SO_PEERCRED)",
     "heronry_tools/runtime/vcan/streams.py": "what a process writes",
     "heronry_tools/runtime/softbus/protocol.py": "what the hub and its clients say to each other",

@@ -51,6 +51,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
     "try": (
         Command("module", "let the code of a module compute some steps, without a bus"),
         Command("sim", "fly in virtual time with drawn faults, and check each flight"),
+        Command("fly", "land an aircraft of a flight dynamics model by its avionics"),
         Command("scenario", "fly a written story, and check what it expects"),
         Command("exhaust", "one fault at every message of every reconfiguration"),
     ),

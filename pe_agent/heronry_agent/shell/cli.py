@@ -16,7 +16,7 @@ from pathlib import Path
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
-from heronry_agent.shell.devices import Devices, open_drivers
+from heronry_agent.shell.devices import PLANT, Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.shell.image_catalogues import is_here
 from heronry_agent.shell.incarnation import BootCount
@@ -109,6 +109,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NS",
         help="take-off time of the simulated flight, in ns of this computer's monotonic clock (default: now)",
     )
+    parser.add_argument(
+        "--devices",
+        default=PLANT,
+        metavar="DRIVER",
+        help=f"the installed driver of this PE's devices (default: {PLANT}, those of a simulated flight)",
+    )
     parser.add_argument("--until-eof", action="store_true", help="stop when standard input ends")
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument("-q", "--quiet", action="store_true", help="print only the reason why the agent ends")
@@ -131,7 +137,7 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
-    devices = Devices(table, open_drivers(table, origin_ns))
+    devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
     followed = devices.followed()
     missing = frozenset(module.image for module in table.modules if not is_here(module.image))
     with ExitStack() as undo:

@@ -5,7 +5,8 @@ rule 6), and a module that was stopped, or hangs, moves nothing. Only the driver
 (`heronry_agent.device`).
 
 Each device has one driver. A PE may have several drivers, and loads only those that its modules' devices need. A spec
-cannot name a driver yet, so the driver of every device is the plant; only `open_drivers` depends on that.
+cannot name a driver yet, so all devices of a PE have the one that `pe-agent --devices` names, which is the plant where
+it names none; only `open_drivers` depends on that.
 
 A driver is foreign code in the agent's process. Its exceptions do not end the agent: after an exception a reading
 counts as missing, and a command as failed (`DriveFailed`). A driver that blocks also blocks the agent's loop; nothing
@@ -46,12 +47,12 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
     return found
 
 
-def open_drivers(table: PeTable, origin_ns: int) -> dict[str, DeviceDriver]:
+def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
     """Start the drivers that the modules of a table need, and give them by device; raises DeviceDriverError.
 
-    origin_ns: take-off time of the simulated flight, on the monotonic clock.
+    origin_ns: take-off time of the simulated flight, on the monotonic clock. name: of the driver of every device.
     """
-    names = {module.device: PLANT for module in table.modules if module.device is not None}
+    names = {module.device: name for module in table.modules if module.device is not None}
     made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}
     return {device: made[name] for device, name in names.items()}
 

@@ -152,6 +152,11 @@ class ModuleRunner:
         if keep and held is not None:
             self._kept[module] = held
 
+    def code(self, module: int) -> Module | None:
+        """Give the object of a module that runs, for an observer that does not change it."""
+        held = self._running.get(module)
+        return None if held is None else held[0]
+
     def step(
         self, module: int, now_ns: int, until_ns: int, reading: Value | None, inputs: Mapping[str, tuple[str, Datum]]
     ) -> Result | Failure:

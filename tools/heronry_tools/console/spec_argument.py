@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from heronry_dg.model import Function, Spec
 
 SHIPPED = ("big_blue", "elevator_and_chute")
+FLOWN = ("eav",)  # shipped as well, for 'heronry fly'; every command knows them
 
 
 def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = None) -> None:
@@ -89,7 +90,7 @@ def spec_path(text: str) -> Path:
         raise UserError(f"{text}: a table is what 'heronry table' compiles from a spec; name the *.dg.yaml itself")
     if Path(text).suffix:
         return Path(text)
-    if text in SHIPPED:
+    if text in SHIPPED or text in FLOWN:
         from heronry_dg.shipped import shipped_spec_path  # noqa: PLC0415
 
         return shipped_spec_path(text)

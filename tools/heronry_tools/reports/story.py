@@ -148,7 +148,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Note which plan runs, and which are on their way."""
+        """Note which plan runs, and which plans are on their way."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -361,15 +361,18 @@ def _consequences(spec: Spec, before: Mapping[str, Any], after: Mapping[str, Any
 
 
 def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapping[str, Any]) -> Line:
-    """Why a function has ended: where the phase did not want it before either, its module ran for others."""
+    """Give the reason why a function is no longer served.
+
+    If the phase before did not want the function either, its module ran because other modules used its data.
+    """
     name, phase = function.name, after["phase"]
     if function.priority_in(phase) > 0 or function.priority_in(before["phase"]) > 0:
         return Line(f"  {name} is no longer served: {after['functions'][name]['why_not']}", "bad")
     module = next(output for output in function.outputs if output in before["modules"])
     where = f"phase {phase}" if phase is not None else "this spec"
     return Line(
-        f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} for what uses its "
-        f"data, has ended; {where} does not want {name} for itself"
+        f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} because "
+        f"other modules used its data, has ended; {where} does not want {name} for itself"
     )
 
 

@@ -52,19 +52,23 @@ class Guidance(Module):
         return {"pitch_command": self._pitch_deg(inputs), "roll_command": self._roll_deg(inputs)}
 
     def _pitch_deg(self, inputs: Inputs) -> float:
-        altitude_m = number(inputs, "altitude")
-        landing = whole(inputs, "mission_stage") == Stage.LANDING
-        if landing and altitude_m is not None and altitude_m < HOME_ALTITUDE_M + _FLARE_M:
-            return _FLARE_PITCH_DEG
-        return BEST_GLIDE_PITCH_DEG
+        return _FLARE_PITCH_DEG if _flares(inputs) else BEST_GLIDE_PITCH_DEG
 
     def _roll_deg(self, inputs: Inputs) -> float:
+        if _flares(inputs):
+            return 0.0  # a wing tip touches the ground before the skids do
         place = (number(inputs, "gps_latitude"), number(inputs, "gps_longitude"))
         track_deg = number(inputs, "gps_track")
         if self.ctx.mode != "route" or place[0] is None or place[1] is None or track_deg is None:
             return 0.0
         bearing_deg, _ = home_bearing_and_distance(place[0], place[1])
         return held(_bank_per_deg(inputs) * turn_deg(bearing_deg, track_deg), _HOME_BANK_LIMIT_DEG)
+
+
+def _flares(inputs: Inputs) -> bool:
+    altitude_m = number(inputs, "altitude")
+    landing = whole(inputs, "mission_stage") == Stage.LANDING
+    return landing and altitude_m is not None and altitude_m < HOME_ALTITUDE_M + _FLARE_M
 
 
 def _bank_per_deg(inputs: Inputs) -> float:

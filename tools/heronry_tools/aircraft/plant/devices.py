@@ -13,10 +13,11 @@ A device that is not in the table works all the same: a sensor reads 0.0, an act
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 from heronry_agent.module import Value
 from heronry_tools.aircraft.images import atmosphere
-from heronry_tools.aircraft.plant.flight import CUTDOWN_S, NS_PER_S, Moment, moment
+from heronry_tools.aircraft.plant.flight import CUTDOWN_S, NS_PER_S, moment
 from heronry_tools.aircraft.plant.noise import noise
 
 CAMERA_FRAMES_PER_S = 5
@@ -36,6 +37,31 @@ _ROLL_PER_RUDDER = 0.6
 _GLIDE_M_PER_S = 18.0
 
 
+class Motion(Protocol):
+    """The aircraft's state on which readings depend: that of the script (`flight.Moment`), or of a dynamics model."""
+
+    @property
+    def time_s(self) -> float: ...  # noqa: D102 - the names and units say it
+    @property
+    def altitude_m(self) -> float: ...  # noqa: D102
+    @property
+    def latitude_deg(self) -> float: ...  # noqa: D102
+    @property
+    def longitude_deg(self) -> float: ...  # noqa: D102
+    @property
+    def track_deg(self) -> float: ...  # noqa: D102
+    @property
+    def airspeed_m_per_s(self) -> float: ...  # noqa: D102
+    @property
+    def pitch_deg(self) -> float: ...  # noqa: D102
+    @property
+    def roll_deg(self) -> float: ...  # noqa: D102
+    @property
+    def pitch_rate_deg_per_s(self) -> float: ...  # noqa: D102
+    @property
+    def roll_rate_deg_per_s(self) -> float: ...  # noqa: D102
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """The conditions of a reading: the sensor's name, the time since take-off, the flight, and the mechanisms.
@@ -45,7 +71,7 @@ class Surroundings:
 
     device: str
     time_ns: int
-    now: Moment
+    now: Motion
     position: Callable[[str], float]  # of a mechanism
     rate: Callable[[str], float]
 

@@ -14,11 +14,9 @@ Each device is healthy or was made to fail. Only this plant knows of a failure: 
 connected. A failed actuator is not echoed (`write` returns None), so no other plant takes it as moved.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
-from heronry_agent.device import Reading
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant import flight
 from heronry_tools.aircraft.plant.devices import (
@@ -30,9 +28,8 @@ from heronry_tools.aircraft.plant.devices import (
     felt_by,
     reading,
 )
+from heronry_tools.aircraft.plant.interface import Failure, PlantDevice
 from heronry_tools.aircraft.plant.mechanism import Mechanism
-
-Failure = Literal["dead", "stuck", "bias"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +54,7 @@ class Plant:
             "wing": Mechanism(rise_s=6.0, fall_s=1800.0),
         }
 
-    def open(self, name: str) -> "PlantDevice":
+    def open(self, name: str) -> PlantDevice:
         """Give the device driver's object for a device."""
         return PlantDevice(self, name)
 
@@ -69,7 +66,7 @@ class Plant:
         match fault.how:
             case "dead":
                 return None
-            case "stuck":
+            case "stuck" | "loose":  # the script has no forces that would move what is loose
                 return fault.frozen
             case "bias":
                 return _shifted(self._healthy_reading(device, now_ns), fault.offset)
@@ -83,6 +80,9 @@ class Plant:
             value = _shifted(value, fault.offset)
         self._move(device, value, now_ns)
         return value
+
+    def make_safe(self, device: str, now_ns: int) -> None:
+        """Do nothing: without a command an actuator of this plant stays where it is."""
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
         """Note that an actuator was moved, on this PE or another; an actuator that has failed here does not move."""
@@ -136,26 +136,6 @@ class Plant:
             target = WING_SUPPLY_HPA * value if name == "wing" else float(value)
             self._mechanisms[name].push(target, now_ns, self._resting(name, now_ns))
         self._positions[device] = value
-
-
-class PlantDevice:
-    """A device of the plant behind the interface of `heronry_agent.device`."""
-
-    def __init__(self, plant: Plant, name: str, clock: Callable[[], int] | None = None) -> None:
-        """`clock` gives the time, in ns, at which the plant is read and moved; None: the caller's `now_ns` counts."""
-        self._plant, self._name, self._clock = plant, name, clock
-
-    def read(self, now_ns: int) -> Reading:
-        """Give the present reading."""
-        value = self._plant.read(self._name, now_ns if self._clock is None else self._clock())
-        return Reading(value, now_ns, value is not None)
-
-    def command(self, value: Value, now_ns: int) -> Value | None:
-        """Move an actuator."""
-        return self._plant.write(self._name, value, now_ns if self._clock is None else self._clock())
-
-    def make_safe(self, now_ns: int) -> None:
-        """Do nothing: without a command an actuator of this plant stays where it is."""
 
 
 def _shifted(value: Value, offset: float) -> Value:

@@ -90,12 +90,15 @@ class Fleet:
         aloft_s: float = 0.0,
         called: str | None = None,
         heartbeat_ns: int | None = None,
+        device_driver: str | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         """Write the files of the manager and of every PE: tables, plans made ahead and a key, where there are any.
 
         aloft_s: time in seconds since the take-off of the simulated flight.
         called: the name under which the operator's commands find the manager (`manager_name`); None: by its path alone.
         heartbeat_ns: shortest heartbeat period in `spec`, where it is longer than in the file; else None.
+        device_driver: name of the driver of all devices; None: the scripted flight. environment: for all processes.
         """
         self.folder, self._called = folder, called
         self._contingency_flags = [
@@ -106,6 +109,8 @@ class Fleet:
             (folder / "contingencies").write_bytes(to_bytes(made, spec))
         self._slower_flags = [] if heartbeat_ns is None else ["--slower-heartbeat-ns", str(heartbeat_ns)]
         self._key_flags = [] if key is None else ["--key", str(key)]
+        self._driver_flags = [] if device_driver is None else ["--devices", device_driver]
+        self._environment = {**os.environ, **(environment or {})}
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
@@ -151,7 +156,10 @@ class Fleet:
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Node-ID of the active manager, from its status: on a busy computer the standby may have taken over."""
+        """Node-ID of the active manager, from its status.
+
+        On a busy computer the standby manager may have taken over.
+        """
         if len(self._managers) > 1:
             for node in self._managers:
                 with contextlib.suppress(ControlError):
@@ -199,7 +207,7 @@ class Fleet:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += [f"--bench-origin={self._plant_origin_ns}", *self._key_flags]
+        arguments += [f"--bench-origin={self._plant_origin_ns}", *self._key_flags, *self._driver_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)
@@ -223,7 +231,7 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Last line that a process wrote to its standard error."""
+        """Last line that a process wrote to its standard error, or a sentence that there is none."""
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"
@@ -237,7 +245,10 @@ class Fleet:
         self._end(signal.SIGTERM)
 
     def _end(self, number: signal.Signals) -> None:
-        """Send all processes a signal, and kill what goes on; an interrupted demo does not wait for its nodes."""
+        """Send all processes a signal, and kill those that do not end.
+
+        An interrupted demo does not wait for its nodes.
+        """
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(number)
@@ -266,6 +277,7 @@ class Fleet:
                 stdout=stdout,
                 stderr=log,
                 process_group=0,
+                env=self._environment,
             )
         _prefer(process.pid, NODE_PRIORITY)
         return process

@@ -122,7 +122,7 @@ class Show:
                 )
 
     def _measure_lateness(self, meter: LatenessMeter) -> None:
-        """Tell a long standstill of this process, whose actions and observations are late then."""
+        """Report a long standstill of this process, because its actions and observations are late then."""
         now_ns = time.monotonic_ns()
         late = meter.woke(now_ns, time.thread_time_ns())
         if late is not None and self._standstills.count(late, now_ns):

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from heronry_agent.core.authenticity import Secret
-from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.flight.truth import Truth
 from heronry_tools.sim.flight.wiring import Wiring
 from heronry_tools.sim.oracles.checks import Checks
@@ -27,7 +27,7 @@ class Fleet:
         clock: Clock,
         clocks: LocalClocks,
         wiring: Wiring,
-        world: Plant,
+        world: PlantOfDevices,
         *,
         tables: Mapping[str, PeTable],
         checks: Checks,

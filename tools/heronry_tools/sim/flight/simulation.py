@@ -15,7 +15,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
-from heronry_tools.aircraft.plant import Failure, Plant
+from heronry_tools.aircraft.plant import Failure, Plant, PlantOfDevices
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.flight.fleet import Fleet
 from heronry_tools.sim.flight.managers import Managers, journal
@@ -64,6 +64,7 @@ class Simulation:
         key: Key | None = None,
         absent: Collection[str] = (),
         aloft_ns: int = 0,
+        plant: PlantOfDevices | None = None,
     ) -> None:
         """Switch on all nodes, each at a drawn moment in the first 200 ms.
 
@@ -74,13 +75,14 @@ class Simulation:
         key: the key of managers and PEs; None: no key.
         standby: there are two managers, 126 and 127; each is the standby manager while the other is active.
         absent: PEs to start only later, by `Fleet.arrive`.
-        aloft_ns: at which moment of the plant's scripted flight the run starts.
+        aloft_ns: at which moment of the scripted flight the run starts.
+        plant: what the devices read and move; None: the scripted flight.
         """
         self.spec, self.seed, self.key = spec, seed, key
         ahead: Prepared = prepared(spec, contingencies)
         chance = Random(seed)
         self.clock = Clock()
-        self.world = Plant(-aloft_ns)
+        self.world: PlantOfDevices = Plant(-aloft_ns) if plant is None else plant
         disks = {node: Disk(spec) for node in MANAGER_NODES}
         self.checks = Checks(spec, ahead.tables.values(), key, partial(journal, disks))
         if standby:

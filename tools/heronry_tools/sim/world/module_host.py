@@ -22,6 +22,7 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.module_runner import ModuleRunner
 from heronry_agent.shell.start_orders import orders_of
@@ -63,6 +64,10 @@ class ModuleHost:
             case _:
                 pass
         return None
+
+    def code(self, module: int) -> Module | None:
+        """Give the object of a module that runs, for an observer that does not change it."""
+        return self._runner.code(module)
 
     def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:
         reading = self._devices.read(action.module, now_ns)

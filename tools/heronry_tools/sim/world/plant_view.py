@@ -1,21 +1,22 @@
 """The one plant of a run, and the device drivers through which each PE reads and moves it.
 
 In flight every process has a plant of its own, which learns from output echoes what the actuators of other PEs do. The
-simulator is one process and has one plant, which is more realistic: a surface stays where it is when its PE restarts,
-and a failed servo stays failed. The plant is read and moved at the true time, whatever a PE's clock shows.
+simulator is one process and has one plant: the scripted one, or one with flight dynamics. That is more realistic: a
+surface stays where it is when its PE restarts, and a failed servo stays failed. The plant is read and moved at the true
+time, whatever a PE's clock shows.
 """
 
 from collections.abc import Iterable
 
 from heronry_agent.module import Value
-from heronry_tools.aircraft.plant.world import Plant, PlantDevice
+from heronry_tools.aircraft.plant import PlantDevice, PlantOfDevices
 from heronry_tools.sim.world.clock import Clock
 
 
 class PlantView:
     """The device driver of one simulated PE."""
 
-    def __init__(self, plant: Plant, clock: Clock) -> None:
+    def __init__(self, plant: PlantOfDevices, clock: Clock) -> None:
         self._plant, self._clock = plant, clock
 
     def open(self, name: str) -> PlantDevice:

@@ -25,8 +25,9 @@ from heronry_agent.core.vocabulary import (
     ModuleEvent,
     StepModule,
 )
+from heronry_agent.module import Module
 from heronry_agent.shell.devices import Devices
-from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant import PlantOfDevices
 from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
@@ -58,7 +59,7 @@ class SimulatedPe(Node):
         *,
         incarnation: int,
         secret: Secret | None,
-        world: Plant,
+        world: PlantOfDevices,
         drive: Callable[[Driven], None],
         look: Callable[[Driven], None],
         move: Callable[[Moved], None],
@@ -115,6 +116,11 @@ class SimulatedPe(Node):
         """Complete the steps that hang."""
         self.steps.unstick()
         self._wake()
+
+    def code(self, module: str) -> Module | None:
+        """Give the object of a module that runs here, for an observer that does not change it."""
+        found = next((index for index, name in self.steps.names.items() if name == module), None)
+        return None if found is None else self._host.code(found)
 
     def jump(self, ahead_ns: int) -> None:
         """Let the PE's clock jump ahead by `ahead_ns`."""

@@ -1,0 +1,132 @@
+"""The inner loops of the EAV: from commands of the flight management to demands of surfaces and throttle.
+
+Each block is one component of the paper's Figure 13. Gains are the soft ones of docs/flights.md, which stand 150 ms
+from sensor to servo. Angles in degrees; pitch up, roll right and course clockwise are positive; an elevator that goes
+down (positive) lowers the nose, an aileron demand rolls to its side, a positive rudder yaws to the left.
+
+What a loop does without an optional input is told at its class. Without a required one it publishes nothing, and the
+servo stays where it is. A restart loses the integrals: the trim is learned anew in about a second.
+"""
+
+import math
+from collections.abc import Mapping
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number, whole
+
+NS_PER_S = 1_000_000_000
+REFERENCE_M_PER_S = 17.0
+_G = 9.81
+_MASS_KG, _AREA_M2, _AIR_KG_PER_M3 = 10.52, 0.8039, 1.225
+_LIFT_AT_ZERO, _LIFT_PER_RAD = 0.316, 4.67  # with the elevator that trims
+_SLOWEST_M_PER_S = 11.0
+
+
+def trim_alpha_deg(airspeed_m_per_s: float) -> float:
+    """Angle of attack in straight flight at an airspeed."""
+    flow = 0.5 * _AIR_KG_PER_M3 * max(airspeed_m_per_s, _SLOWEST_M_PER_S) ** 2
+    return math.degrees((_MASS_KG * _G / (flow * _AREA_M2) - _LIFT_AT_ZERO) / _LIFT_PER_RAD)
+
+
+def angle_deg(value_deg: float) -> float:
+    """Bring an angle into -180..180."""
+    return math.remainder(value_deg, 360.0)
+
+
+class _Loop(Module):
+    """A loop with an integral."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._integral = 0.0
+        self._period_s = ctx.period_ns / NS_PER_S
+
+    def mode_changed(self) -> bool:
+        """Keep the trim."""
+        return True
+
+    def _learn(self, error: float, gain: float, limit: float) -> float:
+        self._integral = held(self._integral + gain * error * self._period_s, limit)
+        return self._integral
+
+
+class VerticalSpeedControl(_Loop):
+    """Pitch command from vertical speed: angle of attack by airspeed, path angle, and feedback of the error."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the pitch command; without airspeed that of the reference speed is assumed."""
+        command, up = number(inputs, "vertical_speed_command"), number(inputs, "velocity_up")
+        if command is None or up is None:
+            return {}
+        airspeed = max(number(inputs, "airspeed") or REFERENCE_M_PER_S, _SLOWEST_M_PER_S)
+        error = math.degrees((command - up) / airspeed)
+        path = math.degrees(math.asin(held(command / airspeed, 0.3)))
+        pitch = trim_alpha_deg(airspeed) + path + 0.6 * error + self._learn(error, 0.6, 6.0)
+        return {"pitch_command": min(max(pitch, -15.0), 13.0)}
+
+
+class PitchControl(_Loop):
+    """Elevator from pitch; without a command it holds the pitch of level flight at the reference speed."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the elevator's demand."""
+        pitch, rate = number(inputs, "pitch_angle"), number(inputs, "pitch_rate") or 0.0
+        if pitch is None:
+            return {}
+        command = number(inputs, "pitch_command")
+        error = (trim_alpha_deg(REFERENCE_M_PER_S) if command is None else command) - pitch
+        return {"elevator_demand": held(-(1.0 * error + self._learn(error, 1.0, 12.0) - 0.15 * rate), 25.0)}
+
+
+class CourseControl(Module):
+    """Roll command from the course over ground."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the roll command; near the ground the wings stay nearly level."""
+        command = number(inputs, "course_command")
+        north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
+        if command is None or north is None or east is None:
+            return {}
+        track = math.degrees(math.atan2(east, north))
+        limit = 8.0 if (whole(inputs, "landing_stage") or 0) in NEAR_GROUND else 25.0
+        return {"roll_command": held(1.3 * angle_deg(command - track), limit)}
+
+
+class RollControl(Module):
+    """Aileron from roll; without a command it holds the wings level."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the aileron's demand."""
+        roll, rate = number(inputs, "roll_angle"), number(inputs, "roll_rate") or 0.0
+        if roll is None:
+            return {}
+        return {"aileron_demand": held(0.9 * ((number(inputs, "roll_command") or 0.0) - roll) - 0.03 * rate, 20.0)}
+
+
+class YawDamper(Module):
+    """Rudder against the yaw rate, less that of the turn which the roll angle makes."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the rudder's demand."""
+        rate, roll = number(inputs, "yaw_rate"), number(inputs, "roll_angle")
+        if rate is None:
+            return {}
+        turn = math.degrees(_G / REFERENCE_M_PER_S * math.sin(math.radians(roll or 0.0)))
+        return {"rudder_demand": held(0.35 * (rate - turn), 25.0)}
+
+
+class AirspeedControl(_Loop):
+    """Throttle from airspeed; a command of 0 closes the throttle."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the throttle's demand."""
+        airspeed, command = number(inputs, "airspeed"), number(inputs, "airspeed_command")
+        if command is not None and command <= 0.0:
+            return {"throttle_demand": 0.0}
+        if airspeed is None:
+            return {}
+        error = (REFERENCE_M_PER_S if command is None else command) - airspeed
+        return {"throttle_demand": min(max(0.2 + 0.12 * error + self._learn(error, 0.04, 0.5), 0.0), 1.0)}
+
+
+NEAR_GROUND = frozenset((3, 4))  # landing stages: flare transition and flare

@@ -1,0 +1,195 @@
+"""Drivers of the EAV's and the rover's devices: from the numbers of a device to data in their units.
+
+They decide nothing but whether there is a datum: a device that does not answer gives none. A servo keeps its last
+command without a demand, and before the first demand commands nothing. The camera's driver also says when the camera
+has seen nothing for `BLIND_NS`, and reports it as failed.
+
+A restart loses nothing but, in the camera's driver, which image was the last.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number
+
+BLIND_NS = 2_000_000_000
+_INERTIAL = (
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+    "roll_angle",
+    "pitch_angle",
+    "velocity_north",
+    "velocity_east",
+    "velocity_up",
+)
+
+
+class InertialUnit(Module):
+    """Rates (deg/s), attitude (deg) and velocity (m/s) of an inertial unit."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a driver has no inputs)
+        """Publish what the unit has measured."""
+        reading = self.ctx.read()
+        if not isinstance(reading, tuple) or len(reading) != len(_INERTIAL):
+            return {}
+        return {name: value / 1000.0 for name, value in zip(_INERTIAL, reading, strict=True)}
+
+
+class Pitot(Module):
+    """Airspeed (m/s)."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Publish the airspeed."""
+        reading = self.ctx.read()
+        return {"airspeed": float(reading)} if isinstance(reading, (int, float)) else {}
+
+
+class _Receiver(Module):
+    """A receiver's position in the runway's frame (m)."""
+
+    names: ClassVar[tuple[str, str, str]]
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Publish the position."""
+        reading = self.ctx.read()
+        if not isinstance(reading, tuple) or len(reading) != len(self.names):
+            return {}
+        return {name: value / 1000.0 for name, value in zip(self.names, reading, strict=True)}
+
+
+class DifferentialReceiver(_Receiver):
+    """The receiver with corrections."""
+
+    names = ("differential_x", "differential_y", "differential_height")
+
+
+class SatelliteReceiver(_Receiver):
+    """The receiver without corrections."""
+
+    names = ("gps_x", "gps_y", "gps_height")
+
+
+class CameraImages(Module):
+    """Angles of the aircraft in each new image (0.1 mrad), and the age of the image (ms)."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._last_ns: int | None = None  # exposure of the last image
+        self._seen_ns = ctx.now_ns  # when there was a new image, or the start
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Publish an image once."""
+        now_ns = self.ctx.now_ns
+        reading = self.ctx.read()
+        if isinstance(reading, tuple) and len(reading) == 3:
+            azimuth, elevation, age_ms = reading
+            exposed_ns = now_ns - age_ms * 1_000_000
+            if self._last_ns is None or exposed_ns - self._last_ns > 20_000_000:
+                self._last_ns, self._seen_ns = exposed_ns, now_ns
+                return {"image_angles": (azimuth, elevation), "image_age": age_ms}
+        if now_ns - self._seen_ns > BLIND_NS:
+            self.ctx.report_failed("device:camera")
+        return {}
+
+
+class HeadEncoder(Module):
+    """Direction to which the rover's head points (0.1 mrad)."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Publish the direction."""
+        reading = self.ctx.read()
+        return {"head_angles": reading} if isinstance(reading, tuple) and len(reading) == 2 else {}
+
+
+class SurfaceSensor(Module):
+    """Position of a surface in its unit."""
+
+    names: ClassVar[str]
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Publish the position."""
+        reading = self.ctx.read()
+        return {self.names: float(reading)} if isinstance(reading, (int, float)) else {}
+
+
+class ElevatorSensor(SurfaceSensor):
+    """The elevator's angle."""
+
+    names = "elevator_angle"
+
+
+class AileronSensor(SurfaceSensor):
+    """The aileron's angle."""
+
+    names = "aileron_angle"
+
+
+class RudderSensor(SurfaceSensor):
+    """The rudder's angle."""
+
+    names = "rudder_angle"
+
+
+class ThrottleSensor(SurfaceSensor):
+    """The throttle's position, 0 to 1."""
+
+    names = "throttle_position"
+
+
+class _Servo(Module):
+    """Drives a servo to a demand."""
+
+    demand: ClassVar[str]
+    limit: ClassVar[float] = 25.0
+    echo: ClassVar[str]
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._command: float | None = None
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Command the demand; without one, the last command."""
+        demand = number(inputs, self.demand)
+        if demand is not None:
+            self._command = held(demand, self.limit)
+        if self._command is None:
+            return {}
+        self.ctx.write(self._command)
+        return {self.echo: self._command}
+
+
+class ElevatorServo(_Servo):
+    """Angle in deg, positive down."""
+
+    demand, echo = "elevator_demand", "elevator_command"
+
+
+class AileronServo(_Servo):
+    """Angle in deg, positive for a roll to the right."""
+
+    demand, echo, limit = "aileron_demand", "aileron_command", 20.0
+
+
+class RudderServo(_Servo):
+    """Angle in deg, positive for a yaw to the left."""
+
+    demand, echo = "rudder_demand", "rudder_command"
+
+
+class Throttle(_Servo):
+    """Share of full thrust."""
+
+    demand, echo, limit = "throttle_demand", "throttle_command", 1.0
+
+
+class PanTilt(Module):
+    """Drives the rover's head to a demanded direction."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Command the demand, if there is one."""
+        datum = inputs.get("head_demand")
+        if datum is not None and isinstance(datum.value, tuple):
+            self.ctx.write(datum.value)
+        return {}

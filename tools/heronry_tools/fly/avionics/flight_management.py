@@ -1,0 +1,163 @@
+"""The flight management system: the stages of a landing, after the paper's Figures 11 and 12.
+
+    approach ──► glide slope ──► flare transition ──► flare ──► (on the ground)
+        any of them ──► go-around (climb straight ahead, then level)
+
+- *approach*: level, until the estimated landing point has come to the desired one.
+- *glide slope*: 5 degrees, and more or less by the distance between the estimated landing point and the desired one,
+  within 0 to 10 degrees.
+- *flare transition*, from `TRANSITION_M`: the sink rate goes over into that of the flare.
+- *flare*, from `FLARE_M`: throttle closed, a constant sink rate.
+
+What it decides depends on its mode, that is on what the plan could supply. In `precise` its position is good enough to
+land (version 1). In `forced` there is no better one, and it lands all the same. In `waiting` it does not descend below
+`DECISION_M` with a position that is not good enough: it goes around; below that height it is committed, and lands.
+
+It does not know which sensor its position comes from. A restart loses the stage, which follows anew from height and
+position: one that begins below the decision height is committed as well.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number
+
+REFERENCE_M_PER_S = 17.0
+TRANSITION_M = 5.0
+FLARE_M = 1.4
+DECISION_M = 20.0
+CIRCUIT_M = 60.0
+_AIM_M = -40.0
+_NOMINAL_DEG, _LEAST_DEG, _MOST_DEG = 5.0, 0.0, 10.0
+_DEG_PER_M = 0.15
+_FLARE_M_PER_S = -0.5
+_CLIMB_M_PER_S = 2.0
+_RAD_PER_M = 0.016  # course by distance from the centre line
+_COURSE_LIMIT_DEG = 20.0
+_FLIES_M_PER_S = 5.0  # a slower one stands, or is held
+_LONGEST_M = 110.0  # an estimated landing point beyond this is too far to be mended below the decision height
+
+
+class Stage(IntEnum):
+    """The stage of the landing, as it is published."""
+
+    START = 0
+    APPROACH = 1
+    GLIDE_SLOPE = 2
+    TRANSITION = 3
+    FLARE = 4
+    GO_AROUND = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What the flight management knows in one step; m, m/s; `headwind_m_per_s` 0 where unknown."""
+
+    x_m: float
+    y_m: float
+    height_m: float
+    ground_speed_m_per_s: float
+    headwind_m_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """What it commands; an airspeed of 0 closes the throttle."""
+
+    vertical_speed_m_per_s: float
+    course_deg: float
+    airspeed_m_per_s: float
+
+
+class FlightManagement:
+    """The stages, without a bus: `step` once per period."""
+
+    def __init__(self) -> None:
+        self.stage = Stage.START
+
+    def step(self, now: Situation, *, mode: str) -> Commands:
+        """Go to the stage that follows, and give its commands."""
+        self.stage = self._next(now, mode)
+        course = held(-math.degrees(_RAD_PER_M * now.y_m), _COURSE_LIMIT_DEG)
+        airspeed = REFERENCE_M_PER_S + 0.5 * min(max(now.headwind_m_per_s, 0.0), 8.0)
+        return Commands(self._vertical_speed(now), course, 0.0 if self.stage is Stage.FLARE else airspeed)
+
+    def _next(self, now: Situation, mode: str) -> Stage:
+        stage = self.stage
+        if stage is Stage.GO_AROUND:
+            return stage
+        may_land = mode != "waiting" or now.height_m < DECISION_M
+        if not may_land or self._is_too_long(now):
+            return Stage.GO_AROUND
+        if stage is Stage.FLARE or now.height_m <= FLARE_M:
+            return Stage.FLARE
+        if stage is Stage.TRANSITION or now.height_m <= TRANSITION_M:
+            return Stage.TRANSITION
+        if stage is Stage.GLIDE_SLOPE or _landing_point_m(now) >= _AIM_M:
+            return Stage.GLIDE_SLOPE
+        return Stage.APPROACH
+
+    def _is_too_long(self, now: Situation) -> bool:
+        is_late = self.stage is Stage.START or (self.stage is Stage.GLIDE_SLOPE and now.height_m < DECISION_M)
+        return is_late and _landing_point_m(now) > _LONGEST_M
+
+    def _vertical_speed(self, now: Situation) -> float:
+        match self.stage:
+            case Stage.GO_AROUND:
+                return _CLIMB_M_PER_S if now.height_m < CIRCUIT_M else 0.0
+            case Stage.GLIDE_SLOPE:
+                return _on_slope(now)
+            case Stage.TRANSITION:
+                share = min(max((now.height_m - FLARE_M) / (TRANSITION_M - FLARE_M), 0.0), 1.0)
+                return share * min(_on_slope(now), _FLARE_M_PER_S) + (1.0 - share) * _FLARE_M_PER_S
+            case Stage.FLARE:
+                return _FLARE_M_PER_S
+            case _:
+                return 0.0
+
+
+def _landing_point_m(now: Situation) -> float:
+    """Where the nominal slope from here meets the runway."""
+    return now.x_m + now.height_m / math.tan(math.radians(_NOMINAL_DEG))
+
+
+def _on_slope(now: Situation) -> float:
+    slope = _NOMINAL_DEG + _DEG_PER_M * (_landing_point_m(now) - _AIM_M)
+    return -now.ground_speed_m_per_s * math.tan(math.radians(min(max(slope, _LEAST_DEG), _MOST_DEG)))
+
+
+class FlightManagementSystem(Module):
+    """The flight management as a module."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self.management = FlightManagement()
+        self.known: Situation | None = None  # in the last step; None: something was missing
+        self._mode = ctx.mode
+
+    def mode_changed(self) -> bool:
+        """Keep the stage; a better position than before allows another approach."""
+        self._mode = self.ctx.mode
+        return True
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish commands; without position or velocity the last commands stand, as nothing is published."""
+        x, y, height = (number(inputs, name) for name in ("position_x", "position_y", "height"))
+        north, east = number(inputs, "velocity_north"), number(inputs, "velocity_east")
+        self.known = None
+        if x is None or y is None or height is None or north is None or east is None:
+            return {}
+        ground_speed = math.hypot(north, east)
+        airspeed = number(inputs, "airspeed")
+        headwind = 0.0 if airspeed is None or ground_speed < _FLIES_M_PER_S else airspeed - ground_speed
+        self.known = Situation(x, y, height, ground_speed, headwind)
+        commands = self.management.step(self.known, mode=self._mode)
+        return {
+            "vertical_speed_command": commands.vertical_speed_m_per_s,
+            "course_command": commands.course_deg,
+            "airspeed_command": commands.airspeed_m_per_s,
+            "landing_stage": int(self.management.stage),
+        }

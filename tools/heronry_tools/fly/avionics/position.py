@@ -1,0 +1,131 @@
+"""Where the aircraft is: from a receiver alone, or from the tracking filter with the rover's images.
+
+Positions are in the runway's frame, height is that of the wheels above the runway. The version of what is published
+says what it is good for: 1 to land, 2 and 3 not. Only the filter, while it has images, and the differential receiver
+give version 1.
+
+Without velocity nothing is published: a position of 10 Hz cannot steer. A restart of a receiver's estimator costs
+nothing. One of the filter costs what its images had taught it: it begins again at the receiver's position, and needs
+some seconds of images; a change of its mode keeps it.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import number, numbers
+from heronry_tools.fly.avionics.tracking_filter import H, TrackingFilter, X, Y
+
+NS_PER_S = 1_000_000_000
+CAMERA_M = (100.0, 12.0, 0.3)  # where the rover stands: x, y, height of the camera less that of the aircraft's centre
+_START_M = (-600.0, 0.0, 45.0)  # of a filter without any receiver
+_SETTLES_S = 1.0
+_APART_NS = 20_000_000  # angles and age of one image arrive within this time
+_MRAD_TENTHS = 10_000.0
+
+
+def velocity(inputs: Inputs) -> tuple[float, float, float] | None:
+    """Velocity along x, y and up, or None."""
+    north, east, up = (number(inputs, f"velocity_{axis}") for axis in ("north", "east", "up"))
+    return None if north is None or east is None or up is None else (north, east, up)
+
+
+def _position(inputs: Inputs, receiver: str) -> tuple[float, float, float] | None:
+    x, y, height = (number(inputs, f"{receiver}_{axis}") for axis in ("x", "y", "height"))
+    return None if x is None or y is None or height is None else (x, y, height)
+
+
+class _ReceiverPosition(Module):
+    """Position of a receiver, carried on by the velocity between its fixes."""
+
+    receiver: ClassVar[str]
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._held: list[float] | None = None
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the position."""
+        fix, moving = _position(inputs, self.receiver), velocity(inputs)
+        if moving is None or (fix is None and self._held is None):
+            return {}
+        period_s = self.ctx.period_ns / NS_PER_S
+        if self._held is None:
+            assert fix is not None
+            self._held = list(fix)
+        for i, speed in enumerate(moving):
+            self._held[i] += speed * period_s
+            if fix is not None:
+                self._held[i] += (
+                    (fix[i] + speed * _age_s(inputs, self.receiver) - self._held[i]) * period_s / _SETTLES_S
+                )
+        x, y, height = self._held
+        return {"position_x": x, "position_y": y, "height": height}
+
+
+def _age_s(inputs: Inputs, receiver: str) -> float:
+    datum = inputs.get(f"{receiver}_x")
+    return 0.0 if datum is None else datum.age_ns / NS_PER_S
+
+
+class DifferentialPosition(_ReceiverPosition):
+    """Position of the receiver with corrections: good enough to land."""
+
+    receiver = "differential"
+
+
+class SatellitePosition(_ReceiverPosition):
+    """Position of the receiver without corrections: not good enough to land."""
+
+    receiver = "gps"
+
+
+class TrackedPosition(Module):
+    """Position of the tracking filter; in mode `coasting` without new images."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self.filter: TrackingFilter | None = None
+        self._image_ns = 0  # exposure of the last image that was used
+        self._fix_age_ns = 0
+
+    def mode_changed(self) -> bool:
+        """Keep what the images have taught."""
+        return True
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Advance by the velocity, use what is new, and publish."""
+        moving, now_ns = velocity(inputs), self.ctx.now_ns
+        fix = _position(inputs, "gps")
+        if moving is None:
+            return {}
+        if self.filter is None:
+            self.filter = TrackingFilter(CAMERA_M, fix or _START_M, now_ns)
+        self.filter.advance(moving, now_ns)
+        if fix is not None:
+            self._use_fix(self.filter, fix, inputs["gps_x"].age_ns, moving)
+        self._use_image(self.filter, inputs)
+        state = self.filter.state
+        return {"position_x": state[X], "position_y": state[Y], "height": state[H]}
+
+    def _use_fix(
+        self, tracking: TrackingFilter, fix: tuple[float, ...], age_ns: int, moving: tuple[float, ...]
+    ) -> None:
+        is_new = age_ns < self._fix_age_ns or not self._fix_age_ns
+        self._fix_age_ns = age_ns
+        if is_new:
+            tracking.use_receiver([at + speed * age_ns / NS_PER_S for at, speed in zip(fix, moving, strict=True)])
+
+    def _use_image(self, tracking: TrackingFilter, inputs: Inputs) -> None:
+        """Use an image once; angles and age are two data, and belong together only if they arrived together."""
+        angles, age_ms = numbers(inputs, "image_angles", 2), number(inputs, "image_age")
+        if angles is None or age_ms is None:
+            return
+        age_ns = inputs["image_angles"].age_ns
+        if abs(age_ns - inputs["image_age"].age_ns) > _APART_NS:
+            return
+        exposed_ns = self.ctx.now_ns - age_ns - round(age_ms) * 1_000_000
+        if exposed_ns - self._image_ns < 2 * _APART_NS:
+            return
+        self._image_ns = exposed_ns
+        tracking.use_image(angles[0] / _MRAD_TENTHS, angles[1] / _MRAD_TENTHS, exposed_ns)

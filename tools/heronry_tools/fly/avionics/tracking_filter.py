@@ -1,0 +1,163 @@
+"""Where the aircraft is, from a camera beside the runway and the aircraft's velocity: an extended Kalman filter.
+
+Eight states: position x, y, h in the runway's frame (m), the bias of the receiver's position in x, y, h (m), and the
+bias of the camera's azimuth and elevation (rad). The position is carried forward by the measured velocity, whose error
+is its process noise; a bias stays.
+
+Three things of real images are part of the filter:
+
+- *They are late.* An image shows the position at its exposure. The filter keeps the way flown since, and compares the
+  image with the present position less that way.
+- *Some are wrong.* An angle further from its expected value than `GATE_SIGMA` is refused.
+- *The filter may be wrong.* After `REFUSALS` refused angles of an axis in a row the position becomes uncertain again,
+  else one early outlier would lock out all images to come.
+
+Measurements are scalars and are used one after the other, so no matrix is inverted.
+
+Source: the delay as in S. Joo et al., "Vision Aided Inertial Navigation with Measurement Delay ...", IEEE Aerospace
+Conference 2008.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+NS_PER_S = 1_000_000_000
+STATES = 8
+X, Y, H, BIAS_X, BIAS_Y, BIAS_H, BIAS_AZIMUTH, BIAS_ELEVATION = range(STATES)
+GATE_SIGMA = 4.0
+REFUSALS = 5
+
+_PROCESS_M2_PER_S = 0.25**2
+_IMAGE_RAD2 = 0.003**2
+_RECEIVER_M2 = 0.5**2
+_RECEIVER_BIAS_M = (4.0, 4.0, 7.0)
+_RECEIVER_WANDERS_M2_PER_S = 0.15**2
+_CAMERA_BIAS_RAD = (0.003, 0.002)
+_START_M2 = 10.0**2
+_KEPT_NS = 1_500_000_000
+_NEAREST_M = 5.0  # nearer to the camera than this an angle says nothing
+
+Camera = tuple[float, float, float]
+
+
+class TrackingFilter:
+    """The filter's state; times are on the clock of the PE on which it runs."""
+
+    def __init__(self, camera_m: Camera, start_m: Sequence[float], now_ns: int) -> None:
+        """camera_m: place of the camera. start_m: a position from the receiver, with its bias still unknown."""
+        self._camera_m = camera_m
+        self.state = [*start_m, *([0.0] * 5)]
+        self.covariance = [[0.0] * STATES for _ in range(STATES)]
+        variances = [_START_M2] * 3 + [s * s for s in (*_RECEIVER_BIAS_M, *_CAMERA_BIAS_RAD)]
+        for i, variance in enumerate(variances):
+            self.covariance[i][i] = variance
+        self._now_ns = now_ns
+        self._way_m = (0.0, 0.0, 0.0)
+        self._ways: deque[tuple[int, tuple[float, float, float]]] = deque([(now_ns, self._way_m)])
+        self._refused = [0, 0]
+        self.resets = 0
+
+    def sigma(self, index: int) -> float:
+        """Standard deviation of one state, as the filter itself holds it."""
+        return math.sqrt(max(self.covariance[index][index], 0.0))
+
+    def advance(self, velocity_m_per_s: Sequence[float], now_ns: int) -> None:
+        """Carry the position forward to `now_ns` with the velocity along x, y and h."""
+        dt_s = (now_ns - self._now_ns) / NS_PER_S
+        if dt_s <= 0.0:
+            return
+        self._now_ns = now_ns
+        x, y, h = (v * dt_s for v in velocity_m_per_s)
+        for i, way in enumerate((x, y, h)):
+            self.state[i] += way
+            self.covariance[i][i] += _PROCESS_M2_PER_S * dt_s
+            self.covariance[BIAS_X + i][BIAS_X + i] += _RECEIVER_WANDERS_M2_PER_S * dt_s
+        self._way_m = self._way_m[0] + x, self._way_m[1] + y, self._way_m[2] + h
+        self._ways.append((now_ns, self._way_m))
+        while self._ways[0][0] < now_ns - _KEPT_NS:
+            self._ways.popleft()
+
+    def use_receiver(self, position_m: Sequence[float]) -> None:
+        """Take a position of the receiver: the true one, its bias, and noise."""
+        for i, measured in enumerate(position_m):
+            row = [0.0] * STATES
+            row[i] = row[BIAS_X + i] = 1.0
+            self._use(row, measured - self.state[i] - self.state[BIAS_X + i], _RECEIVER_M2)
+
+    def use_image(self, azimuth_rad: float, elevation_rad: float, exposed_ns: int) -> None:
+        """Take the angles of an image exposed at `exposed_ns`; an image older than the filter's memory is left."""
+        if exposed_ns < self._ways[0][0]:
+            return
+        self._use_angle(0, azimuth_rad, exposed_ns)
+        self._use_angle(1, elevation_rad, exposed_ns)
+
+    def _use_angle(self, axis: int, measured_rad: float, exposed_ns: int) -> None:
+        predicted, row = self._expected(axis, self._since(exposed_ns))
+        error = math.remainder(measured_rad - predicted, math.tau)
+        spread = self._spread(row, _IMAGE_RAD2)
+        if error * error > GATE_SIGMA**2 * spread:
+            self._refused[axis] += 1
+            if self._refused[axis] >= REFUSALS:
+                self._doubt()
+            return
+        self._refused[axis] = 0
+        self._use(row, error, _IMAGE_RAD2)
+
+    def _doubt(self) -> None:
+        """Make the position uncertain again, and forget how it hangs together with the biases."""
+        self._refused = [0, 0]
+        self.resets += 1
+        for i in (X, Y, H):
+            for j in range(STATES):
+                self.covariance[i][j] = self.covariance[j][i] = 0.0
+            self.covariance[i][i] = _START_M2
+
+    def _since(self, exposed_ns: int) -> tuple[float, float, float]:
+        """Way flown since a moment, by interpolation."""
+        later_ns, later = self._now_ns, self._way_m
+        for time_ns, way in reversed(self._ways):
+            if time_ns <= exposed_ns:
+                share = (exposed_ns - time_ns) / (later_ns - time_ns) if later_ns > time_ns else 0.0
+                then = [a + share * (b - a) for a, b in zip(way, later, strict=True)]
+                return self._way_m[0] - then[0], self._way_m[1] - then[1], self._way_m[2] - then[2]
+            later_ns, later = time_ns, way
+        return self._way_m[0] - later[0], self._way_m[1] - later[1], self._way_m[2] - later[2]
+
+    def _expected(self, axis: int, since_m: tuple[float, float, float]) -> tuple[float, list[float]]:
+        """Give the angle that an image should show, and its derivatives by the states."""
+        ahead = self._camera_m[0] - (self.state[X] - since_m[0])
+        right = self.state[Y] - since_m[1] - self._camera_m[1]
+        up = self.state[H] - since_m[2] - self._camera_m[2]
+        flat2 = max(ahead * ahead + right * right, _NEAREST_M**2)
+        row = [0.0] * STATES
+        if axis == 0:
+            row[X], row[Y], row[BIAS_AZIMUTH] = right / flat2, ahead / flat2, 1.0
+            return math.atan2(right, ahead) + self.state[BIAS_AZIMUTH], row
+        flat = math.sqrt(flat2)
+        far2 = flat2 + up * up
+        row[X], row[Y] = up * ahead / (flat * far2), -up * right / (flat * far2)
+        row[H], row[BIAS_ELEVATION] = flat / far2, 1.0
+        return math.atan2(up, flat) + self.state[BIAS_ELEVATION], row
+
+    def _spread(self, row: list[float], noise: float) -> float:
+        return (
+            sum(
+                a * sum(p * b for p, b in zip(line, row, strict=True))
+                for a, line in zip(row, self.covariance, strict=True)
+                if a
+            )
+            + noise
+        )
+
+    def _use(self, row: list[float], error: float, noise: float) -> None:
+        """Update state and covariance by one scalar measurement."""
+        covariance = self.covariance
+        gain = [sum(p * a for p, a in zip(line, row, strict=True)) for line in covariance]
+        spread = sum(a * g for a, g in zip(row, gain, strict=True)) + noise
+        for i, g in enumerate(gain):
+            self.state[i] += g / spread * error
+        for i in range(STATES):
+            scale = gain[i] / spread
+            for j in range(i + 1):
+                covariance[i][j] = covariance[j][i] = covariance[i][j] - scale * gain[j]

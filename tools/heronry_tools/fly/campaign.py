@@ -1,0 +1,118 @@
+"""Many landings: what is drawn for each seed, and the figures of all together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from random import Random
+from statistics import median
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.fly.acceptance import interval
+from heronry_tools.fly.mission import Blow, Landing, Mission
+
+FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # of a drawn fault: on final, after the loss of the corrections
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A mission for each seed; `one_fault`: each seed draws a PE, the radio or a servo that fails at a drawn time."""
+
+    mission: Mission
+    one_fault: bool = False
+
+    def of(self, spec: Spec, seed: int) -> Mission:
+        """Give the mission of a seed."""
+        mission = replace(self.mission, seed=seed)
+        if not self.one_fault:
+            return mission
+        return replace(mission, blows=(*mission.blows, drawn_blow(spec, seed)))
+
+
+def drawn_blow(spec: Spec, seed: int) -> Blow:
+    """Draw one fault: a PE, a wireless bus, or a servo (dead, stuck or loose)."""
+    chance = Random(f"{seed} blow")
+    servos = [f"device:{one.name}" for one in spec.devices.values() if one.kind == "actuator"]
+    buses = [f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless"]
+    pes = [f"pe:{pe}" for pe in spec.pes]
+    element = chance.choice((chance.choice(pes), chance.choice(buses), chance.choice(servos)))
+    how = chance.choice(("dead", "stuck", "loose")) if element.startswith("device:") else "dead"
+    return Blow(element, at_s=chance.uniform(FIRST_BLOW_S, LAST_BLOW_S), how=how)
+
+
+def summary(landings: Sequence[Landing]) -> dict[str, Any]:
+    """Give the figures of all landings as plain data; the share of acceptable ones has a 95 % interval."""
+    acceptable = sum(not landing.causes for landing in landings)
+    low, high = interval(acceptable, len(landings))
+    sinks = sorted(landing.touchdown.sink_m_per_s for landing in landings if landing.touchdown is not None)
+    errors = [landing.worst_height_error_m for landing in landings if landing.worst_height_error_m is not None]
+    after = sorted(one.reconfigured_after_s for one in landings if one.reconfigured_after_s is not None)
+    filters = [landing.nees for landing in landings if landing.nees]
+    return {
+        "runs": len(landings),
+        "acceptable": acceptable,
+        "interval": [round(low, 4), round(high, 4)],
+        "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
+        "went_around": sum(landing.went_around for landing in landings),
+        "kept": _kept(landings),
+        "sink_m_per_s": quantiles(sinks, 0.95),
+        "height_error_below_1_5_m": round(sum(e < 1.5 for e in errors) / len(errors), 4) if errors else None,
+        "nees": [round(sum(column) / len(filters), 3) for column in zip(*filters, strict=True)],
+        "reconfigured_after_s": quantiles(after, 0.99),
+        "latency_s": quantiles(sorted(ns / 1e9 for one in landings for ns in one.latencies_ns), 0.99),
+        "violations": sum(bool(landing.violations) for landing in landings),
+    }
+
+
+def _kept(landings: Sequence[Landing]) -> dict[str, Any]:
+    """Give the figures of those landings in which the plan kept a position good enough to land until the end."""
+    kept = [landing for landing in landings if landing.mode == "precise"]
+    acceptable = sum(not landing.causes for landing in kept)
+    low, high = interval(acceptable, len(kept))
+    return {"runs": len(kept), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
+
+
+def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
+    """Give the median and a high quantile."""
+    if not ordered:
+        return None
+    return [round(median(ordered), 4), round(ordered[min(int(high * len(ordered)), len(ordered) - 1)], 4)]
+
+
+def line(landing: Landing) -> str:
+    """Say in one line how a flight ended."""
+    blows = "".join(f", {blow}" for blow in landing.mission.blows)
+    head = f"seed {landing.mission.seed}{blows}: "
+    landed = landing.touchdown
+    if landed is None:
+        how = "goes around, landing refused" if landing.went_around else "has not landed"
+        return f"{head}{how}; digest {landing.digest}"
+    judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
+    where = f"{landed.x_m:.1f} m from the aim, {landed.y_m:+.1f} m from the centre line"
+    return f"{head}lands {judged}: {where}, sink {landed.sink_m_per_s:.2f} m/s; digest {landing.digest}"
+
+
+def figures(found: dict[str, Any]) -> str:
+    """Say the figures of many flights."""
+    low, high = found["interval"]
+    causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
+    share = 100 * found["acceptable"] / found["runs"]
+    interval = f"{share:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f}"
+    lines = [
+        f"{found['acceptable']} of {found['runs']} landings are acceptable ({interval})",
+        f"causes: {causes}; went around: {found['went_around']}",
+    ]
+    if found["sink_m_per_s"]:
+        lines.append("sink rate: median {:.2f} m/s, 95 % below {:.2f} m/s".format(*found["sink_m_per_s"]))
+    if found["height_error_below_1_5_m"] is not None:
+        lines.append(f"height error below 10 m stays below 1.5 m in {100 * found['height_error_below_1_5_m']:.1f} %")
+    if found["reconfigured_after_s"]:
+        middle, most = found["reconfigured_after_s"]
+        lines.append(f"reconfigured after a fault: median {middle:.3f} s, 99 % within {most:.3f} s")
+    return "\n".join(lines)
+
+
+def latency_line(found_s: Sequence[float]) -> str:
+    """Say the latency from sensor to servo: the median and a high quantile in s."""
+    middle, most = (1000.0 * value for value in found_s)
+    return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

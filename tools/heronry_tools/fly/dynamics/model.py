@@ -1,0 +1,78 @@
+"""Loads an aircraft into JSBSim, silently, and converts its units.
+
+JSBSim prints a banner unless `JSBSIM_DEBUG` is 0 in the environment before its first object is made; it accepts
+misspelt properties without a word, so every property that is written is asked for first (`Model.put`).
+"""
+
+import math
+import os
+from pathlib import Path
+from typing import Any, Protocol
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.fly.plant import STEPS_PER_S
+
+M_PER_FT = 0.3048
+_MODELS = Path(__file__).parent / "models"
+# WGS 84 at the equator, where the runway lies: metres per radian of latitude and of longitude
+_M_PER_RAD_NORTH = 6_335_439.3
+_M_PER_RAD_EAST = 6_378_137.0
+
+
+class Air(Protocol):
+    """The wind around an aircraft (`wind` has them)."""
+
+    def begin(self, model: "Model") -> None:
+        """Set up wind and turbulence before the first step."""
+
+    def step(self, model: "Model", height_m: float) -> None:
+        """Set the wind at the aircraft's height before each step."""
+
+
+class Model:
+    """One aircraft in JSBSim; values in SI units and degrees where the names say so."""
+
+    def __init__(self, aircraft: str, *, seed: int, models: Path = _MODELS) -> None:
+        """Load `models`/aircraft/NAME/NAME.xml; raises UserError without JSBSim, or where it cannot load the file."""
+        os.environ.setdefault("JSBSIM_DEBUG", "0")
+        try:
+            import jsbsim  # noqa: PLC0415 - only a flight in the model needs it
+        except ImportError:
+            raise UserError("flights need JSBSim, which is not installed: pip install 'heronry[fly]'") from None
+        self.fdm: Any = jsbsim.FGFDMExec(None)
+        self.fdm.set_debug_level(0)
+        self.fdm.set_aircraft_path(str(models / "aircraft"))
+        self.fdm.set_engine_path(str(models / "engine"))
+        self.fdm.set_systems_path(str(models))
+        if not self.fdm.load_model(aircraft):
+            raise UserError(f"JSBSim cannot load the aircraft '{aircraft}' below {models}")
+        self.fdm.set_dt(1.0 / STEPS_PER_S)
+        self.fdm["simulation/randomseed"] = seed % 2**31
+
+    def put(self, name: str, value: float) -> None:
+        """Write a property that exists; raises KeyError for one that does not."""
+        self.fdm[name]  # JSBSim would create it
+        self.fdm[name] = value
+
+    def start(self, *, north_m: float, east_m: float, up_m: float, airspeed_m_per_s: float, heading_deg: float) -> None:
+        """Place the aircraft in level flight, its centre of gravity `up_m` above the runway, and trim it."""
+        fdm = self.fdm
+        fdm["ic/lat-geod-deg"] = math.degrees(north_m / _M_PER_RAD_NORTH)
+        fdm["ic/long-gc-deg"] = math.degrees(east_m / _M_PER_RAD_EAST)
+        fdm["ic/terrain-elevation-ft"] = 0.0
+        fdm["ic/h-sl-ft"] = up_m / M_PER_FT
+        fdm["ic/psi-true-deg"] = heading_deg
+        fdm["ic/gamma-deg"] = 0.0
+        fdm["ic/vt-fps"] = airspeed_m_per_s / M_PER_FT
+        if not fdm.run_ic():
+            raise UserError("JSBSim does not start from these initial conditions")
+        fdm["propulsion/engine[0]/set-running"] = 1
+
+    def position_m(self) -> tuple[float, float, float]:
+        """North, east and up of the centre of gravity, from the runway's aiming point."""
+        fdm = self.fdm
+        return (
+            fdm["position/lat-geod-rad"] * _M_PER_RAD_NORTH,
+            fdm["position/long-gc-rad"] * _M_PER_RAD_EAST,
+            fdm["position/h-agl-ft"] * M_PER_FT,
+        )

@@ -1,0 +1,20 @@
+"""The EAV as a mission wants it: on final, in the wind of its seed; or in still air, to measure latencies."""
+
+from heronry_tools.fly.dynamics.eav import EavPlant
+from heronry_tools.fly.dynamics.moving_air import MovingAir
+from heronry_tools.fly.latency import LatencyProbe
+from heronry_tools.fly.mission import Mission
+from heronry_tools.fly.record import Recorder
+
+
+def eav_on_final(mission: Mission, recorder: Recorder, probe: LatencyProbe | None) -> EavPlant:
+    """Give the plant of a mission; the recorder watches it near the ground."""
+    if probe is not None:
+        return EavPlant(mission.seed, perfect=True, watch=recorder.watch, probe=probe)
+    return EavPlant(
+        mission.seed,
+        air=MovingAir(mission.seed, mission.wind()),
+        corrections_lost_s=mission.corrections_lost_s,
+        height_bias_m=mission.height_bias_m(),
+        watch=recorder.watch,
+    )

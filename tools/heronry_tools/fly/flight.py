@@ -1,0 +1,221 @@
+"""One flight of the EAV in the single-process simulator: plant, PEs, buses, manager and plans, in virtual time.
+
+Nothing passes the bus: sensors are read by modules on PEs, their data cross simulated buses as frames, and servos are
+driven by what the agents of the PEs authorize. The aircraft waits on final until the first configuration runs; there
+the time of the flight begins. Afterwards the plant steps whenever a device is read or moved, so equal missions give
+equal bits: `Landing.digest` covers every frame, and the state at the end.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from typing import Any, cast
+
+from heronry_agent.module import Value
+from heronry_dg.model import Spec
+from heronry_manager.core.vocabulary import EnterPhase
+from heronry_tools.aircraft.plant.interface import Failure
+from heronry_tools.fly.avionics.flight_management import Stage
+from heronry_tools.fly.bus_loads import BusLoads
+from heronry_tools.fly.dynamics.eav import FIRST_SURFACE_DEG
+from heronry_tools.fly.dynamics.on_final import eav_on_final
+from heronry_tools.fly.latency import LatencyProbe
+from heronry_tools.fly.mission import Blow, Landing, Mission
+from heronry_tools.fly.observation import LABELS, Observer
+from heronry_tools.fly.plant import NS_PER_S, FlightPlant
+from heronry_tools.fly.record import FlightRecord, Recorder
+from heronry_tools.sim.flight.injection.schedule import Injections
+from heronry_tools.sim.flight.simulation import Simulation
+
+_LOOK_NS = 25_000_000
+_ROLLS_NS = 1 * NS_PER_S  # after the touchdown
+_GONE_NS = 8 * NS_PER_S  # after a go-around was begun
+_LONGEST_START_NS = 5 * NS_PER_S
+_ROVER = ("rover", "vision")
+
+
+class ReleasedPlant:
+    """A plant whose time begins when it is released; until then it stands still at its start."""
+
+    def __init__(self, plant: FlightPlant) -> None:
+        self.plant = plant
+        self._origin_ns: int | None = None
+
+    def release(self, now_ns: int) -> None:
+        """Let the plant's time begin now."""
+        self._origin_ns = now_ns
+
+    def flown_ns(self, now_ns: int) -> int:
+        """Time of the plant at a time of the simulator."""
+        return 0 if self._origin_ns is None else now_ns - self._origin_ns
+
+    def read(self, device: str, now_ns: int) -> Value | None:
+        """Give the present reading of a device."""
+        return self.plant.read(device, self.flown_ns(now_ns))
+
+    def write(self, device: str, value: Value, now_ns: int) -> Value | None:
+        """Command an actuator."""
+        return self.plant.write(device, value, self.flown_ns(now_ns))
+
+    def make_safe(self, device: str, now_ns: int) -> None:
+        """Take the safe action of an actuator."""
+        self.plant.make_safe(device, self.flown_ns(now_ns))
+
+    @staticmethod
+    def follows(sensors: Iterable[str]) -> frozenset[str]:  # noqa: ARG004 - one plant moves everything itself
+        """Give the actuators whose echoes are needed: none."""
+        return frozenset()
+
+    def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
+        """Make a device fail."""
+        self.plant.fail(device, how, self.flown_ns(now_ns), offset)
+
+    def heal(self, device: str) -> None:
+        """End a device's failure."""
+        self.plant.heal(device)
+
+
+class EavFlight:
+    """One flight while it is flown."""
+
+    def __init__(self, spec: Spec, mission: Mission) -> None:
+        self._spec, self._mission = spec, mission
+        self._recorder = Recorder(spec.name, _title(mission), mission.seed)
+        self.probe = LatencyProbe() if mission.probed else None
+        plant = eav_on_final(mission, self._recorder, self.probe)
+        self._plant, self._released = plant, ReleasedPlant(plant)
+        absent = () if mission.has_rover else _ROVER
+        self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent)
+        self._observer = Observer(self.simulation, plant)
+        self._loads = BusLoads(self.simulation)
+        self._due = list(mission.blows)
+        self._places: dict[str, str] = {}  # by module: where the newest plan lets it run
+        self._seen_events = 0
+        self._went_around_ns: int | None = None
+        self._reconfigured_s: list[float] = []
+        self._struck_s: float | None = None  # the first blow
+        self._errors_m: list[float] = []
+
+    def fly(self) -> tuple[Landing, FlightRecord]:
+        """Fly to the end: the aircraft has rolled for a second, has gone around, or the time is over."""
+        simulation = self.simulation
+        while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
+            simulation.run_for(_LOOK_NS)
+        self._released.release(simulation.now_ns)
+        Injections(simulation, self._mission.acts, simulation.now_ns)
+        if self._mission.must_land:
+            simulation.operator.say(EnterPhase("must_land"))
+        while not self._is_over():
+            simulation.run_for(_LOOK_NS)
+            self._look()
+        return self._landing(), self._recorder.finished()
+
+    @property
+    def _flown_ns(self) -> int:
+        return self._released.flown_ns(self.simulation.now_ns)
+
+    def _is_over(self) -> bool:
+        landed = self._recorder.touchdown
+        if landed is not None and self._flown_ns >= landed.time_s * NS_PER_S + _ROLLS_NS:
+            return True
+        if self._went_around_ns is not None and self._flown_ns > self._went_around_ns + _GONE_NS:
+            return True
+        return self._flown_ns > self._mission.longest_s * NS_PER_S
+
+    def _look(self) -> None:
+        """Record the moment, and let happen what is due."""
+        self._released.plant.advance(self._flown_ns)
+        truth = self._released.plant.truth()
+        known = {**self._observer.columns(), **self._loads.columns(), **self._surfaces()}
+        self._recorder.sample(truth, known)
+        stage = self._observer.stage()
+        self._recorder.state(truth.time_s, "mode", "flight_management", stage)
+        if stage == LABELS[Stage.GO_AROUND] and self._went_around_ns is None:
+            self._went_around_ns = self._flown_ns
+            self._recorder.mark(truth.time_s, "refused", "the landing is refused: the aircraft goes around")
+        self._observer.weigh(truth)
+        height = known.get("estimate_height_m")
+        if height is not None and truth.height_m < 10.0 and self._recorder.touchdown is None:
+            self._errors_m.append(abs(height - truth.height_m))
+        self._strike(truth.height_m)
+        lost_s = self._mission.corrections_lost_s
+        if lost_s is not None and self._flown_ns >= lost_s * NS_PER_S and self._recorder.touchdown is None:
+            self.simulation.truth.failed("device:differential_receiver")
+        self._note_events()
+
+    def _surfaces(self) -> dict[str, float | None]:
+        return {f"{name}_deg": self._plant.servos.surfaces[name].position for name in FIRST_SURFACE_DEG}
+
+    def _strike(self, height_m: float) -> None:
+        for blow in list(self._due):
+            by_time = blow.at_s is not None and self._flown_ns >= blow.at_s * NS_PER_S
+            if by_time or (blow.below_m is not None and height_m < blow.below_m):
+                self._due.remove(blow)
+                self._struck_s = self._struck_s or self._flown_ns / NS_PER_S
+                self._recorder.mark(self._flown_ns / NS_PER_S, "fault", f"{blow.element} fails")
+                self._inject(blow)
+
+    def _inject(self, blow: Blow) -> None:
+        simulation = self.simulation
+        kind, _, name = blow.element.partition(":")
+        if kind == "pe":
+            simulation.fleet.kill(name)
+        elif kind == "bus":
+            for wire in simulation.wiring.wires[name]:
+                wire.break_wire()
+            simulation.truth.failed(blow.element)
+        else:
+            simulation.fail_device(name, cast("Failure", blow.how))
+
+    def _note_events(self) -> None:
+        events = self.simulation.events
+        for event in events[self._seen_events :]:
+            self._note(event)
+        self._seen_events = len(events)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        time_s = max(self._released.flown_ns(event["t_ns"]), 0) / NS_PER_S
+        if event["event"] == "plan_ready":
+            self._places = _places(event["plan"])
+        elif event["event"] == "reconfigured":
+            self._reconfigured_s.append(time_s)
+            why = "; ".join(event["causes"]) if time_s > 0.0 else "start"
+            self._recorder.mark(time_s, "reconfigured", f"configuration {event['epoch']} runs ({why})")
+            for module in self._spec.modules:
+                self._recorder.state(time_s, "place", module, self._places.get(module))
+
+    def _landing(self) -> Landing:
+        simulation, observer = self.simulation, self._observer
+        state = f"{simulation.digest()} {self._released.plant.truth()!r}"
+        after = [t for t in self._reconfigured_s if self._struck_s is not None and t >= self._struck_s]
+        return Landing(
+            self._mission,
+            self._recorder.touchdown,
+            self._went_around_ns is not None,
+            observer.mode(),
+            hashlib.sha256(state.encode()).hexdigest()[:16],
+            self._flown_ns / NS_PER_S,
+            after[0] - self._struck_s if after and self._struck_s is not None else None,
+            max(self._errors_m, default=None),
+            tuple(total / observer.samples for total in observer.squares) if observer.samples else (),
+            tuple(map(str, simulation.broken())) if self._mission.judged else (),
+            () if self.probe is None else tuple(self.probe.latencies_ns),
+        )
+
+
+def fly_landing(spec: Spec, mission: Mission) -> Landing:
+    """Fly a mission, and give what came of it, without the record."""
+    return EavFlight(spec, mission).fly()[0]
+
+
+def _places(plan: dict[str, Any]) -> dict[str, str]:
+    """Give PE and mode of each module that runs in a plan."""
+    return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
+
+
+def _title(mission: Mission) -> str:
+    parts = [
+        "with the rover" if mission.has_rover else "without the rover",
+        *map(str, mission.blows),
+        *map(str, mission.acts),
+    ]
+    return ", ".join(parts)

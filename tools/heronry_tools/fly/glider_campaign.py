@@ -1,0 +1,72 @@
+"""Many flights of BIG BLUE: the mission of each seed, and the figures of all together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from statistics import median
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.fly.acceptance import interval
+from heronry_tools.fly.glider_mission import GliderLanding, GliderMission, drawn_blow
+
+
+def missions(spec: Spec, first: GliderMission, runs: int, *, one_fault: bool) -> list[GliderMission]:
+    """Give the missions of so many seeds from that of `first` on; `one_fault`: each seed draws a fault."""
+    found = [replace(first, seed=seed) for seed in range(first.seed, first.seed + runs)]
+    if not one_fault:
+        return found
+    return [replace(mission, blows=(*mission.blows, drawn_blow(spec, mission.seed))) for mission in found]
+
+
+def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
+    """Give the figures of all flights as plain data.
+
+    `kept`: the same figures of those flights in which the last plan steers by the route, and no parachute was opened.
+    """
+    kept = [landing for landing in landings if landing.guided and not landing.chute]
+    far = sorted(landing.from_home_m for landing in landings if landing.from_home_m is not None)
+    return {
+        **_share(landings),
+        "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
+        "kept": _share(kept),
+        "chutes": sum(landing.chute for landing in landings),
+        "from_home_m": [round(median(far), 1), round(far[-1], 1)] if far else None,
+        "violations": sum(bool(landing.violations) for landing in landings),
+    }
+
+
+def _share(landings: Sequence[GliderLanding]) -> dict[str, Any]:
+    acceptable = sum(not landing.causes for landing in landings)
+    low, high = interval(acceptable, len(landings))
+    return {"runs": len(landings), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
+
+
+def line(landing: GliderLanding) -> str:
+    """Say in one line how a flight ended."""
+    blows = "".join(f", {blow}" for blow in landing.mission.blows)
+    head = f"seed {landing.mission.seed}{blows}: "
+    touched = landing.touchdown
+    if touched is None:
+        return f"{head}has not landed after {landing.flown_s:.0f} s; digest {landing.digest}"
+    judged = "acceptable" if not landing.causes else f"not acceptable ({', '.join(landing.causes)})"
+    under = " under the parachute" if landing.chute else ""
+    phases = " ".join(f"{phase} {time_s:.0f} s" for phase, time_s in landing.phases)
+    return (
+        f"{head}lands {judged}{under}: {landing.from_home_m:.0f} m from home, sink {touched.sink_m_per_s:.2f} m/s "
+        f"after {landing.flown_s:.0f} s ({landing.world_s:.0f} s in the world); phases: {phases}; "
+        f"digest {landing.digest}"
+    )
+
+
+def figures(found: dict[str, Any]) -> str:
+    """Say the figures of many flights."""
+    low, high = found["interval"]
+    causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
+    kept = found["kept"]
+    return (
+        f"{found['acceptable']} of {found['runs']} landings are acceptable "
+        f"({100 * found['acceptable'] / found['runs']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f})\n"
+        f"causes: {causes}; under the parachute: {found['chutes']}\n"
+        f"of {kept['runs']} flights whose guidance was kept, {kept['acceptable']} land within 500 m of home"
+    )

@@ -1,0 +1,161 @@
+"""One landing in real time: a plant process, a manager and an agent per PE, on software buses.
+
+The first configuration is let run before the aircraft is released: it waits until its servos are driven. Faults come by
+the clock of the flight, or by its height. Killed are processes of PEs; devices fail in the plant process. All processes
+end with the flight, however it ends (`Fleet`).
+"""
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import UserError
+from heronry_tools.fly.live.driver import FOLDER, READINGS
+from heronry_tools.fly.live.shared_readings import Reader
+from heronry_tools.fly.mission import Blow, Mission
+from heronry_tools.fly.plant import NS_PER_S
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+
+DRIVER = "flight"
+_ROVER = ("rover", "vision")
+_LONGEST_START_S = 60.0
+_LOOK_S = 0.05
+
+
+def fly_live(spec: Spec, spec_file: Path, mission: Mission, record_file: Path | None = None) -> dict[str, Any]:
+    """Fly a mission; gives what the plant process tells at the end. Raises UserError where a process ends early.
+
+    record_file: gets the record of the flight as JSON.
+    """
+    unfit = [str(blow) for blow in mission.blows if blow.element.startswith("bus:")]
+    if unfit:
+        raise UserError(f"--kill {unfit[0]}: with --live a PE or a device can fail, and no bus")
+    with ExitStack() as stack:
+        folder = run_folder()
+        fleet = stack.enter_context(
+            Fleet(spec, spec_file, folder, device_driver=DRIVER, environment={FOLDER: str(folder)})
+        )
+        plant = stack.enter_context(_Plant(folder, mission, record_file))
+        choices = choose(spec, folder, {}, None, prefer_vcan=False)
+        fleet.start_buses(choices)
+        events = fleet.start_manager()
+        for pe in spec.pes:
+            if mission.has_rover or pe not in _ROVER:
+                fleet.start_pe(pe)
+        return _Flight(fleet, plant, mission, events.fileno()).run()
+
+
+class _Plant:
+    """The plant process."""
+
+    def __init__(self, folder: Path, mission: Mission, record_file: Path | None) -> None:
+        form = {
+            "seed": mission.seed,
+            "wind": mission.strongest_wind_m_per_s,
+            "corrections_lost_s": mission.corrections_lost_s,
+            "longest_s": mission.longest_s,
+            "probed": mission.probed,
+            "record": None if record_file is None else str(record_file.resolve()),
+        }
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "heronry_tools.fly.live.plant_process", str(folder), json.dumps(form)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            process_group=0,
+        )
+        self._readings = folder / READINGS
+        self._rest = b""
+        begun_s = time.monotonic()
+        while not self._readings.exists():
+            if self._process.poll() is not None or time.monotonic() - begun_s > _LONGEST_START_S:
+                raise UserError(
+                    "the plant process does not start; is the extra installed (pip install 'heronry[fly]')?"
+                )
+            time.sleep(_LOOK_S)
+        self._reader = Reader(self._readings)
+
+    def __enter__(self) -> "_Plant":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+
+    @property
+    def height_m(self) -> float:
+        """Present height of the wheels."""
+        return self._reader.newest().height_m
+
+    def fail(self, device: str, how: str) -> None:
+        """Let a device fail."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps({"fail": device, "how": how}).encode() + b"\n")
+        self._process.stdin.flush()
+
+    def said(self, wait_s: float) -> list[dict[str, Any]]:
+        """Give what the process has said, after at most `wait_s`; raises UserError when it has ended."""
+        assert self._process.stdout is not None
+        stream = self._process.stdout.fileno()
+        if not select.select([stream], [], [], wait_s)[0]:
+            return []
+        data = os.read(stream, 65536)
+        if not data:
+            raise UserError("the plant process has ended before the flight")
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        return [json.loads(line) for line in lines]
+
+
+class _Flight:
+    """The flight from the start of its processes to its end."""
+
+    def __init__(self, fleet: Fleet, plant: _Plant, mission: Mission, events: int) -> None:
+        self._fleet, self._plant, self._events = fleet, plant, events
+        self._due = list(mission.blows)
+        self._released_ns: int | None = None
+
+    def run(self) -> dict[str, Any]:
+        """Wait for the end; the manager's events are read, so that it never waits for a reader."""
+        begun_s = time.monotonic()
+        while True:
+            for line in self._plant.said(_LOOK_S):
+                if "released_ns" not in line:
+                    return line
+                self._released_ns = line["released_ns"]
+            while select.select([self._events], [], [], 0.0)[0] and os.read(self._events, 65536):
+                pass
+            problem = self._fleet.ended()
+            if problem is None and self._released_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
+                problem = f"no servo was driven within {_LONGEST_START_S:.0f} s"
+            if problem is not None:
+                raise UserError(problem)
+            self._strike()
+
+    def _strike(self) -> None:
+        if self._released_ns is None:
+            return
+        flown_s = (time.monotonic_ns() - self._released_ns) / NS_PER_S
+        for blow in list(self._due):
+            if _is_due(blow, flown_s, self._plant.height_m):
+                self._due.remove(blow)
+                kind, _, name = blow.element.partition(":")
+                if kind == "pe":
+                    self._fleet.kill_pe(name)
+                else:
+                    self._plant.fail(name, blow.how)
+
+
+def _is_due(blow: Blow, flown_s: float, height_m: float) -> bool:
+    if blow.at_s is not None:
+        return flown_s >= blow.at_s
+    return blow.below_m is not None and height_m < blow.below_m

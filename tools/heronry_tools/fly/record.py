@@ -1,0 +1,185 @@
+"""The record of one flight: what the pictures, the figures and the judgement are made from.
+
+A record is a value: columns over time, stretches of time in which something had one state, and marks at single moments.
+Its JSON form holds everything, so that a flight is drawn again without being flown again.
+
+Columns. The names end with the unit. Column `time_s` is there always; each other column is as long, with None where
+nothing was known. A column of the truth has the name of its field in `plant.Truth`. For what the avionics know of it,
+`estimate_` stands before the name, and `sigma_` for one standard deviation as the filter itself gives it. Load of a bus
+is `load_` and the bus, as a share of its bit rate.
+
+    x_m, estimate_x_m, sigma_x_m       time_s       elevator_deg, throttle       load_can0, load_radio
+
+Stretches and marks. A stretch has a kind, a subject and a label: of kind `mode` the flight management's modes, of kind
+`phase` the phases of the spec, of kind `place` a module as subject and the PE and mode as label. A mark has a kind
+(fault, reconfigured, refused, touchdown, note), and a sentence for the reader.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
+
+from heronry_tools.fly.acceptance import Cause, Site, Touchdown, causes
+from heronry_tools.fly.plant import Truth
+
+FORMAT = 1
+
+StretchKind = Literal["mode", "phase", "place"]
+MarkKind = Literal["fault", "reconfigured", "refused", "touchdown", "note"]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From `start_s` to `end_s` the subject was in the state `label`."""
+
+    kind: StretchKind
+    subject: str
+    label: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something happened at a moment."""
+
+    time_s: float
+    kind: MarkKind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class FlightRecord:
+    """One flight; `spec` is the name of its spec, `title` what was special about it, `site` where it was to land."""
+
+    spec: str
+    title: str
+    seed: int
+    columns: Mapping[str, tuple[float | None, ...]]
+    stretches: tuple[Stretch, ...]
+    marks: tuple[Mark, ...]
+    touchdown: Touchdown | None
+    site: Site = "runway"
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Why the landing is not acceptable; empty if it is."""
+        return causes(self.touchdown, self.site)
+
+    @property
+    def times_s(self) -> tuple[float, ...]:
+        """The time of each row."""
+        return tuple(time_s or 0.0 for time_s in self.columns["time_s"])
+
+    def known(self, name: str) -> bool:
+        """Tell whether a column has at least one value."""
+        return any(value is not None for value in self.columns.get(name, ()))
+
+    def as_json(self) -> str:
+        """Give the JSON form."""
+        return json.dumps({"format": FORMAT, **asdict(self)}, separators=(",", ":"))
+
+    @staticmethod
+    def from_json(text: str) -> "FlightRecord":
+        """Read the JSON form; ValueError says what is wrong with a text that is none."""
+        try:
+            return _read(json.loads(text))
+        except (TypeError, KeyError, AttributeError) as problem:
+            raise ValueError(f"the text is not the record of a flight: {problem}") from problem
+
+
+def _read(form: dict[str, Any]) -> FlightRecord:
+    if form.get("format") != FORMAT:
+        raise ValueError(f"the record has format {form.get('format')!r}; this version of heronry reads {FORMAT}")
+    landed = form["touchdown"]
+    return FlightRecord(
+        form["spec"],
+        form["title"],
+        form["seed"],
+        {name: tuple(values) for name, values in form["columns"].items()},
+        tuple(Stretch(**stretch) for stretch in form["stretches"]),
+        tuple(Mark(**mark) for mark in form["marks"]),
+        None if landed is None else Touchdown(**{**landed, "structure": tuple(landed["structure"])}),
+        form["site"],
+    )
+
+
+class Recorder:
+    """Writes the record of a flight while it is flown. Times do not fall."""
+
+    def __init__(self, spec: str, title: str, seed: int, site: Site = "runway") -> None:
+        self._site: Site = site
+        self._spec, self._title, self._seed = spec, title, seed
+        self._rows: list[Mapping[str, float | None]] = []
+        self._states: dict[tuple[StretchKind, str], tuple[str, float]] = {}
+        self._stretches: list[Stretch] = []
+        self._marks: list[Mark] = []
+        self._touchdown: Touchdown | None = None
+        self._structure: set[str] = set()
+
+    @property
+    def touchdown(self) -> Touchdown | None:
+        """The first contact with the ground; None before."""
+        if self._touchdown is None:
+            return None
+        return _with_structure(self._touchdown, self._structure)
+
+    def sample(self, truth: Truth, known: Mapping[str, float | None]) -> None:
+        """Add a row: the truth, and what else is known at its time, by the name of the column."""
+        row: dict[str, float | None] = {
+            field.name: getattr(truth, field.name) for field in fields(Truth) if field.name != "touching"
+        }
+        self._rows.append({**row, **known})
+        self.watch(truth)
+
+    def watch(self, truth: Truth) -> None:
+        """Note what touches the ground; call it at each step of the plant near the ground, without a row."""
+        if truth.touching and self._touchdown is None:
+            self._touchdown = _touchdown(truth)
+            self.mark(truth.time_s, "touchdown", "the aircraft touches the ground")
+        self._structure.update(name for name in truth.touching if not is_wheel(name))
+
+    def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
+        """Note the state of a subject from now on; None: it has none any more. An equal label changes nothing."""
+        before = self._states.get((kind, subject))
+        if before is not None:
+            if before[0] == label:
+                return
+            self._close(kind, subject, time_s)
+        if label is not None:
+            self._states[kind, subject] = (label, time_s)
+
+    def mark(self, time_s: float, kind: MarkKind, text: str) -> None:
+        """Note what happens at a moment."""
+        self._marks.append(Mark(time_s, kind, text))
+
+    def finished(self) -> FlightRecord:
+        """Give the record up to the last row."""
+        end_s = self._rows[-1]["time_s"] or 0.0 if self._rows else 0.0
+        for kind, subject in list(self._states):
+            self._close(kind, subject, end_s)
+        names = dict.fromkeys(name for row in self._rows for name in row)
+        columns = {name: tuple(row.get(name) for row in self._rows) for name in names or ("time_s",)}
+        stretches = tuple(sorted(self._stretches, key=lambda s: (s.start_s, s.kind, s.subject)))
+        marks = tuple(sorted(self._marks, key=lambda mark: mark.time_s))
+        return FlightRecord(self._spec, self._title, self._seed, columns, stretches, marks, self.touchdown, self._site)
+
+    def _close(self, kind: StretchKind, subject: str, end_s: float) -> None:
+        label, start_s = self._states.pop((kind, subject))
+        self._stretches.append(Stretch(kind, subject, label, start_s, end_s))
+
+
+def is_wheel(contact: str) -> bool:
+    """Tell a wheel from a part of the structure by the name of the contact; a skid is what a glider lands on."""
+    return contact.endswith(("wheel", "skid"))
+
+
+def _touchdown(truth: Truth) -> Touchdown:
+    return Touchdown(
+        truth.time_s, truth.x_m, truth.y_m, -truth.up_m_per_s, truth.roll_deg, truth.pitch_deg, truth.airspeed_m_per_s
+    )
+
+
+def _with_structure(landed: Touchdown, structure: set[str]) -> Touchdown:
+    return Touchdown(**{**asdict(landed), "structure": tuple(sorted(structure))})

@@ -1,0 +1,42 @@
+"""Errors of sensors: a constant bias, a drift that wanders around zero, and white noise.
+
+Each error has a random generator of its own, seeded by the flight's seed and its name. So no sensor's noise depends on
+how often another one is read.
+"""
+
+import math
+from random import Random
+
+
+class SensorError:
+    """The error of one measured quantity, in its unit; `sample` is called once per sample of the sensor."""
+
+    def __init__(
+        self,
+        seed: int,
+        name: str,
+        *,
+        white: float = 0.0,
+        bias: float = 0.0,
+        drift: float = 0.0,
+        drift_s: float = 60.0,
+        period_s: float,
+    ) -> None:
+        """white: standard deviation. drift: standard deviation of the drift, with correlation time `drift_s`."""
+        self._chance = Random(f"{seed} {name}")
+        self._white, self.bias = white, bias
+        self._keep = math.exp(-period_s / drift_s)
+        self._stir = drift * math.sqrt(1.0 - self._keep**2)
+        self._drift = self._chance.gauss(0.0, drift) if drift else 0.0
+
+    @property
+    def slow(self) -> float:
+        """Bias and drift of the last sample, without its noise."""
+        return self.bias + self._drift
+
+    def sample(self) -> float:
+        """Give the error of the next sample."""
+        if self._stir:
+            self._drift = self._keep * self._drift + self._chance.gauss(0.0, self._stir)
+        noise = self._chance.gauss(0.0, self._white) if self._white else 0.0
+        return self.bias + self._drift + noise

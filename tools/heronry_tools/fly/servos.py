@@ -1,0 +1,78 @@
+"""Surfaces and their servos: a rate, stops, and the ways in which a servo fails.
+
+Two servos may push one surface. The servo that was driven last holds it; a failed servo slips its clutch, and the
+surface stays where it is until another servo takes it. A loose servo takes commands, and its surface floats to neutral
+in the air.
+"""
+
+from dataclasses import dataclass, field
+
+_FLOATS_BACK_S = 0.3
+
+
+@dataclass(slots=True)
+class Surface:
+    """One control surface (or the throttle): its position follows its target at a limited rate.
+
+    Position, target and stops in the surface's unit: degrees, or a share from 0 to 1.
+    """
+
+    least: float
+    most: float
+    rate_per_s: float
+    position: float = 0.0
+    target: float = 0.0
+    is_loose: bool = False
+
+    def push(self, target: float) -> float:
+        """Take a new target, limited by the stops; give it."""
+        self.target = min(max(target, self.least), self.most)
+        return self.target
+
+    def step(self, dt_s: float) -> float:
+        """Move for a time; give the new position."""
+        if self.is_loose:
+            self.position -= self.position * min(dt_s / _FLOATS_BACK_S, 1.0)
+            return self.position
+        most = self.rate_per_s * dt_s
+        self.position += min(max(self.target - self.position, -most), most)
+        return self.position
+
+
+@dataclass(slots=True)
+class Servos:
+    """All servos of an aircraft: which surface each pushes, and which of them have failed."""
+
+    surfaces: dict[str, Surface]
+    pushes: dict[str, str]  # by servo: its surface
+    failed: dict[str, tuple[str, float]] = field(default_factory=dict)  # by servo: how, and by how much
+    last: dict[str, str] = field(default_factory=dict)  # by surface: the servo that was driven last
+
+    def command(self, servo: str, value: float) -> float | None:
+        """Drive a servo; give the command that it has taken, or None from one that is dead or stuck."""
+        how, offset = self.failed.get(servo, ("", 0.0))
+        if how in ("dead", "stuck"):
+            return None
+        surface = self.surfaces[self.pushes[servo]]
+        surface.is_loose = how == "loose"
+        self.last[self.pushes[servo]] = servo
+        return surface.push(value + (offset if how == "bias" else 0.0))
+
+    def fail(self, servo: str, how: str, offset: float) -> None:
+        """Let a servo fail; its surface stays, or floats if it becomes loose."""
+        self.failed[servo] = how, offset
+        surface = self.surfaces[self.pushes[servo]]
+        if self.last.get(self.pushes[servo]) != servo:
+            return
+        surface.is_loose = how == "loose"
+        if how in ("dead", "stuck"):
+            surface.target = surface.position
+
+    def heal(self, servo: str) -> None:
+        """End a servo's failure."""
+        self.failed.pop(servo, None)
+
+    def step(self, dt_s: float) -> None:
+        """Move every surface."""
+        for surface in self.surfaces.values():
+            surface.step(dt_s)
