@@ -145,7 +145,7 @@ def test_a_live_feed_is_taken_as_it_comes_and_painted_at_most_twice_a_second() -
         spec, source, trouble, frames = big_blue().spec, "manager", "the manager has gone", []
 
         def readers(self):
-            return [ours[0]]
+            return [ours[0]] if events else []
 
         def poll(self):
             return [events.pop(0) for _ in range(min(50, len(events)))]

@@ -5,7 +5,7 @@ has changed, so that a slow line (SSH) carries little.
 """
 
 import asyncio
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
@@ -104,6 +104,7 @@ class TopApp(App[None]):
         self.repaints = 0
         self._tab = 0
         self._frozen: Snapshot | None = None
+        self._waits_on: set[int] = set()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Leave the keys to a page that is open, and to the field of the filter."""
@@ -132,9 +133,6 @@ class TopApp(App[None]):
         self.query_one("#filter").display = False
         self.set_interval(_LOOK_S, self._take)
         self.set_interval(REPAINT_S, self.paint)
-        loop = asyncio.get_running_loop()
-        for reader in self.source.readers():
-            loop.add_reader(reader, self._take)
         self._take()
         self._arrange()
         self.paint()
@@ -149,7 +147,14 @@ class TopApp(App[None]):
         return self.source.snapshot() if self._frozen is None else self._frozen
 
     def _take(self) -> None:
+        """Take what has come, and wait on what the source reads from now: a manager that ends is not waited on."""
         self.source.look()
+        loop, readers = asyncio.get_running_loop(), set(map(_fileno, self.source.readers()))
+        for fileno in self._waits_on - readers:
+            loop.remove_reader(fileno)
+        for fileno in readers - self._waits_on:
+            loop.add_reader(fileno, self._take)
+        self._waits_on = readers
 
     def _arrange(self) -> None:
         is_large = self.size.width >= _WIDE and self.size.height >= _HIGH
@@ -259,6 +264,11 @@ class TopApp(App[None]):
     def _recorded(self) -> RecordedSource:
         assert isinstance(self.source, RecordedSource), "these keys are bound only for a recording"
         return self.source
+
+
+def _fileno(reader: Any) -> int:
+    """Give the descriptor of what a feed reads: some readers are descriptors themselves."""
+    return reader if isinstance(reader, int) else int(reader.fileno())
 
 
 def run_top(source: TopSource) -> None:
