@@ -12,6 +12,8 @@ from heronry_tools.watch.export.signals import signal_names, signals_of
 from heronry_wire.frame import Frame
 from watch.flights import DATE_NS, big_blue, big_blue_log
 
+pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
+
 
 def converted(file: Path) -> Path:
     assert main(["log", "convert", str(big_blue_log()), "big_blue", "-o", str(file)]) == 0

@@ -22,6 +22,8 @@ from heronry_tools.watch.top.sources import RecordedSource
 from heronry_wire.frame import Frame, format_log_line
 from watch.flights import ALL, DATE_NS, MS, big_blue, big_blue_log
 
+pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
+
 
 def alone(recording: Recording) -> Snapshot:
     """What a listener makes of the frames alone."""

@@ -215,8 +215,14 @@ def test_only_the_last_events_and_reconfigurations_are_kept() -> None:
     view = snapshot(*many[: KEPT_RECONFIGURATIONS + 10])
     assert [one.number for one in view.reconfigurations][:2] == [11, 12]
     assert len(view.reconfigurations) == KEPT_RECONFIGURATIONS
-    suspected = [event("pe_suspected", n, pe="nav", cause="x", silent_ns=1) for n in range(KEPT_EVENTS + 10)]
-    assert len(snapshot(*suspected).told) == KEPT_EVENTS
+    stopped = [event("stopped", n, reason="x") for n in range(KEPT_EVENTS + 10)]
+    told = snapshot(*stopped).told
+    assert (len(told), told[-1].number) == (KEPT_EVENTS, KEPT_EVENTS + 10)
+
+
+def test_a_pe_that_is_suspected_and_answers_is_not_listed() -> None:
+    view = snapshot(event("pe_suspected", 1, pe="nav", cause="x", silent_ns=1), event("pe_answered", 2, pe="nav"))
+    assert (view.told, view.pes["nav"].standing) == ((), "up")
 
 
 def test_the_page_tells_of_every_observation_and_key() -> None:

@@ -18,6 +18,8 @@ from heronry_tools.watch.top.panels import Look
 from heronry_tools.watch.top.sources import LiveSource, RecordedSource
 from watch.flights import MS, big_blue, big_blue_log
 
+pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
+
 SMALL, LARGE = (80, 24), (200, 50)
 
 

@@ -5,6 +5,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.number_arguments import whole_number
+from heronry_tools.console.output import add_output_file
 from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry metrics`."""
     parser = subparsers.add_parser("metrics", description="Write a system's metrics for Prometheus.", epilog=_EPILOG)
     add_source_arguments(parser)
+    add_output_file(parser, "the text format of Prometheus", ".prom")
     parser.add_argument("--port", type=whole_number, metavar="N", help="serve /metrics on this port of 127.0.0.1")
     parser.set_defaults(run=run)
 

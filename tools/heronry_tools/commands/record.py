@@ -8,15 +8,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
+from heronry_tools.watch.source_arguments import add_source_arguments
 
-_EPILOG = f"""\
+_EPILOG = """\
 examples:
   heronry record -o flight                          the manager on this computer, and its bus
   heronry record big_blue -i socketcan -c can0 -o /var/lib/heronry/flight --limit 2G
   heronry record -o flight --for 60                 a minute
-
-{EXAMPLES.format(command="record").splitlines()[1]}
+  heronry record -o flight --of big_blue-demo       where several managers run
 
 The folder holds candump logs, events as JSON lines, the spec, and the versions. It never exceeds the limit: the oldest
 files go. 'heronry top --log FOLDER', 'heronry replay FOLDER SPEC' and 'heronry log convert FOLDER' open it. Ctrl-C or

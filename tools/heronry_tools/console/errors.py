@@ -19,7 +19,8 @@ _EXTRAS: Final = {
 _SMALLER: Final = {
     **dict.fromkeys(("check", "explain", "rules", "schema"), "check"),
     "doctor": "doctor",
-    "dbc": "watch",
+    **dict.fromkeys(("dbc", "record", "top"), "watch"),
+    **dict.fromkeys(("log", "metrics"), "export"),
 }
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()
