@@ -41,7 +41,7 @@ soak: FLIGHTS_OF_BIG_BLUE := 100
 soak coverage: export HERONRY_SOAK := 1
 test soak: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal
-	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 6 --dist loadgroup --reruns 1 -r R
+	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 5 --dist loadgroup --reruns 1 -r R
 	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
 	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R
 	$(FRESH) elevator_and_chute --runs $(FLIGHTS)

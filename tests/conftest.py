@@ -1,5 +1,6 @@
 """Settings for all tests: a hypothesis example has no time limit, since benchmarks measure speed."""
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -20,3 +21,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if marker in _RARE and collection_path.name.startswith("test_") and collection_path.suffix == ".py":
         return f"pytest.mark.{marker}" not in collection_path.read_text(encoding="utf-8") or None
     return None
+
+
+def pytest_collection_finish() -> None:
+    """Exempt from garbage collection what the run has until its end: thousands of tests, and what they import."""
+    gc.collect()
+    gc.freeze()

@@ -4,7 +4,8 @@ Numbers are as in `packing`. Most contingencies do not change most PEs, so equal
 
     number of different slices, then for each: its length and its bytes
     number of contingencies, then for each, from number 1: index of its slice
-    three times that number, then for each: digest of the whole configuration, most significant byte first
+    number of bytes of all digests, then three bytes for each contingency: digest of the whole configuration, most
+    significant byte first
 
 The digest proves that the manager and the PE mean the same configuration by a number. If the PE's block comes from
 another file or another spec, the digest under that number differs, and the PE stages nothing.

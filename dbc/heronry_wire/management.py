@@ -93,12 +93,12 @@ class FaultCode(IntEnum):
     REPORTED = 0xFF03  # a module reports that an element has failed
     PARTITION_ENDED = 0xFF04  # the process of a module ended while it ran
     MODULE_MISSING = 0xFF05  # the code of a module is not on this PE, or cannot be loaded there
-    UNKNOWN_OUTPUT = 0xFF06  # a module has given an output that none of its modes has
     MODULE_RESTARTED = 0xFF08  # not yet a fault: a module has failed, and was restarted; the detail counts the restarts
     CHANNEL_LOST = 0xFF09  # not a fault of the PE: this PE hears nothing on a channel of a replicated bus
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
+    UNKNOWN_OUTPUT = 0xFF0D  # a module has given an output that no mode has, in place of one of its mode
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 

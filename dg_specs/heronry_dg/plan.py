@@ -221,7 +221,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
     if claimed != _objective_json(objective):
-        raise PlanError("objective does not fit the plan's configuration: plan again")
+        raise PlanError("the plan's objective does not fit its configuration: plan again")
     optimal = _field(document, "optimal", bool, "the plan")
     made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
     return replace(made, levels=_claimed_levels(document, made.levels)) if "levels" in document else made
@@ -232,9 +232,9 @@ def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[Level
     claimed: list[object] = _field(document, "levels", list, "the plan")
     levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
     if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
-        raise PlanError("levels are not those of the plan's objective: plan again")
+        raise PlanError("the plan's levels are not those of its objective: plan again")
     if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
-        raise PlanError("optimal does not agree with the plan's levels: plan again")
+        raise PlanError("the plan's 'optimal' does not agree with its levels: plan again")
     return levels
 
 

@@ -286,7 +286,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
     """Convert an `initial` of the file to its value in the model; raises TypeError for a value of no data type."""
     match value:
         case bool() | dict():
-            raise TypeError(f"no data type carries {shown(value)}")
+            raise TypeError(f"no data type can carry {shown(value)}")
         case list() if all(isinstance(item, int) and not isinstance(item, bool) for item in value):
             return tuple(value)
         case Decimal():
@@ -294,7 +294,7 @@ def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
         case None | int() | str():
             return value
         case _:
-            raise TypeError("only whole numbers can be listed")
+            raise TypeError("a list must have whole numbers alone")
 
 
 def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:

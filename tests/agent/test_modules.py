@@ -26,7 +26,7 @@ from agent.one_pe import (
     rate_frame,
     sent,
 )
-from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_output
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_outputs
 from heronry_agent.core.vocabulary import Note, StepModule, Stepped
 from heronry_agent.module import Value
 from heronry_wire.configuration_slice import Slice
@@ -138,9 +138,18 @@ def test_an_output_that_only_another_mode_has_is_left_out() -> None:
     assert CONTROL in pe.running
 
 
-def test_a_module_without_outputs_that_gives_one_is_told_so() -> None:
-    with pytest.raises(UnknownOutputError, match=r"gives 'angle' \(the spec lets it give nothing\)"):
-        expect_output(TABLE.modules[1], "angle")
+def test_code_may_give_more_than_the_spec_takes() -> None:
+    pe = OnePe()
+    pe.outputs[CONTROL] = {"demand": 0.1, "trend": 0.2}
+    pe.configure(CONTROLLING, 7)
+    assert emergencies(pe.pass_time(0)) == []
+    assert CONTROL in pe.running
+    expect_outputs(TABLE.modules[1], (), ("angle",))
+
+
+def test_what_is_like_no_output_is_told_without_a_guess() -> None:
+    with pytest.raises(UnknownOutputError, match=r"gives 'xyz' \(the spec lets it give demand\)"):
+        expect_outputs(TABLE.modules[0], ("demand",), ("xyz",))
 
 
 def test_an_old_datum_taken_after_a_pause_is_as_old_as_it_is() -> None:

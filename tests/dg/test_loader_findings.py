@@ -100,10 +100,10 @@ VARIABLES = [
     ("{altitude: {type: FLOAT, initial: »abc}}", "'initial' of variable 'altitude' does not fit: FLOAT cannot carry"),
     ("{altitude: {type: FLOAT, initial: »1e39}}", "does not fit: FLOAT cannot carry"),
     ("{altitude: {type: UCHAR, initial: »256}}", "does not fit: UCHAR cannot carry 256: it takes 0..255"),
-    ("{altitude: {type: UCHAR, initial: »true}}", "does not fit: no data type carries true"),
+    ("{altitude: {type: UCHAR, initial: »true}}", "does not fit: no data type can carry true"),
     ("{altitude: {type: SHORT2, initial: »[1]}}", "does not fit: SHORT2 cannot carry"),
     ("{altitude: {type: FLOAT, initial: »[1]}}", "does not fit: FLOAT takes one number"),
-    ("{altitude: {type: SHORT2, initial: »[1, 0.5]}}", "does not fit: only whole numbers can be listed"),
+    ("{altitude: {type: SHORT2, initial: »[1, 0.5]}}", "does not fit: a list must have whole numbers alone"),
     ("{altitude: {type: ACHAR2, initial: »abc}}", "does not fit: ACHAR2 cannot carry"),
     ("{altitude: {type: NODATA, initial: »0}}", "does not fit: NODATA cannot carry"),
     (

@@ -151,7 +151,7 @@ def test_a_plan_of_before_levels_is_read_as_far_as_it_says() -> None:
     [
         ([7], "levels.0 is 7 and must be an object"),
         ([{"level": "critical A"}], "levels.0 has no 'value'"),
-        ([], "levels are not those of the plan's objective: plan again"),
+        ([], "the plan's levels are not those of its objective: plan again"),
     ],
 )
 def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
@@ -162,7 +162,7 @@ def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
 
 def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
     document = json.loads(chute_plan().to_json()) | {"optimal": True}
-    with pytest.raises(PlanError, match="optimal does not agree with the plan's levels: plan again"):
+    with pytest.raises(PlanError, match="the plan's 'optimal' does not agree with its levels: plan again"):
         read_plan(json.dumps(document), FIGURE_3)
 
 
@@ -268,7 +268,7 @@ def test_what_is_malformed_is_named(text: str, sentence: str) -> None:
         (("priorities", "elevator"), "7", "priorities: 'elevator' is \"7\" and must be an integer"),
         (("priorities", "elevator"), -7, "'elevator=-7' is not a priority; write FUNCTION=N with N from 0 to 32767"),
         (("optimal",), "yes", "the plan: 'optimal' is \"yes\" and must be true or false"),
-        (("objective", "utility"), 9000, "objective does not fit the plan's configuration"),
+        (("objective", "utility"), 9000, "the plan's objective does not fit its configuration"),
         (("modules", "chute_logic", "mode"), "fast", "modules.chute_logic.mode: the module has no mode 'fast'"),
         (("modules", "chute_logic", "pe"), "nose", "modules.chute_logic.pe: the spec has no PE 'nose'"),
         (

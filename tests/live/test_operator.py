@@ -13,6 +13,7 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.cli import main
 
 pytestmark = pytest.mark.live
 HERONRY = [sys.executable, "-m", "heronry_tools"]
@@ -120,13 +121,15 @@ def test_the_demo_is_found_by_its_name_and_of_two_each(spec: Path, monkeypatch: 
         assert list(Path(runtime).glob("heronry/*.sock")) == []
 
 
-def test_where_no_manager_runs_one_sentence_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_manager_runs_one_sentence_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for arguments in (["status"], ["phase", "land", "--of", "big_blue"], ["status", "--socket", str(tmp_path / "no")]):
-        ended = heronry(*arguments)
-        assert ended.returncode == 2
-        assert "no manager" in ended.stderr
-        assert ended.stderr.count("\n") == 1
+        assert main(arguments) == 2
+        said = capsys.readouterr().err
+        assert "no manager" in said
+        assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -136,7 +139,8 @@ def test_where_no_manager_runs_one_sentence_says_so(tmp_path: Path, monkeypatch:
         (["--phase", "land"], "write it as NAME@SECONDS"),
     ],
 )
-def test_a_phase_that_cannot_be_played_is_one_sentence(arguments: list[str], sentence: str) -> None:
-    ended = heronry("demo", *arguments)
-    assert ended.returncode == 2
-    assert sentence in ended.stderr
+def test_a_phase_that_cannot_be_played_is_one_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

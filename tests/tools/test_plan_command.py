@@ -127,7 +127,10 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
             "missing.dg.yaml:1:1: DG001 error: the file cannot be read: No such file",
         ),
         (("plan", "elevator_and_chute", "--down", "pe:tail"), "no pe is named 'tail'; did you mean 'tail_pe'?"),
-        (("plan", "elevator_and_chute", "--down", "tail_pe"), "'tail_pe' is not an element; write KIND:NAME"),
+        (
+            ("plan", "elevator_and_chute", "--down", "tail_pe"),
+            "'tail_pe' is not an element; did you mean 'pe:tail_pe'?",
+        ),
         (("plan", "elevator_and_chute", "--limit", "bus:can0=140%"), "more than the capacity there is"),
         (("plan", "elevator_and_chute", "--phase", "glide"), "no phase is named 'glide'"),
         (("plan", "elevator_and_chute", "--running", "missing.json"), "missing.json: No such file or directory"),

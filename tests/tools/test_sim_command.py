@@ -176,7 +176,10 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
     assert main(["sim", str(raising), "--kill", "pe:tail_pe@2", "--seed", "4", "--seconds", "3"]) == 1
     out = capsys.readouterr().out.splitlines()
     assert any("VIOLATION" in line and "module:state_estimator@tail_pe is reported" in line for line in out)
-    assert out[-1] == f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --act '2 crash pe:tail_pe'"
+    assert out[-2:] == [
+        f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --act '2 crash pe:tail_pe'",
+        "the flight FAILED",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -145,8 +145,8 @@ def test_a_function_that_was_never_wanted_ends_with_its_module_and_not_with_the_
     events = [*reconfiguration(0, 1, whole, "all joined"), *reconfiguration(9, 2, without, "pe:ground: silent")]
     (line,) = (line for line in told(Story(spec), events) if "experiment is" in line.text)
     assert line.text.strip() == (
-        "experiment is no longer served: experimental_autopilot, which ran on ground for what uses its data, "
-        "has ended; phase ascent does not want experiment for itself"
+        "experiment is no longer served: experimental_autopilot, which ran on ground because other modules used its "
+        "data, has ended; phase ascent does not want experiment for itself"
     )
     assert line.tone == "plain"
 

@@ -87,9 +87,9 @@ def plain_shell(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_command_shows_what_the_tutorial_shows(
     capsys: pytest.CaptureFixture[str], plain_shell: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = [*blocks()]
+    read, own = [*blocks()], code()
     monkeypatch.chdir(tmp_path)
-    Path(CODE).write_text(code())
+    Path(CODE).write_text(own)
     sections: Sections = {}
     commands = 0
     for language, block in read:

@@ -113,7 +113,7 @@ class LatchedFaults:
         return True
 
     def clear(self, element: str) -> list[LatchedFault]:
-        """Clear an element, and of a module its places, too; gives the faults that were latched on these."""
+        """Clear an element, and if it is a module also its places; gives the faults that were latched on these."""
         cleared = [one for one in self._failed.values() if one.element == element] + self._of(element)
         for one in cleared:
             del self._failed[one.element]

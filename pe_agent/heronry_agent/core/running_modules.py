@@ -37,7 +37,7 @@ from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_output
+from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_outputs
 from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
@@ -175,6 +175,7 @@ class RunningModules:
         for function, priority in event.priorities:
             self._request_priority(running, function, priority)
         try:
+            expect_outputs(running.entry, running.gives, event.outputs)
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
         except WireError as error:
@@ -399,11 +400,10 @@ class RunningModules:
     def _give(self, running: _Running, variable: str, value: Value) -> None:
         """Handle a value of a variable that a module has given: publish it, and check it against phase rules.
 
-        Raises WireError for a value that cannot be carried, and UnknownOutputError. An output of another mode is left
-        out: the code of several modes may compute the same outputs.
+        Raises WireError for a value that cannot be carried. An output that the mode does not have is left out: code may
+        compute more than a spec takes from it.
         """
         if variable not in running.gives:
-            expect_output(running.entry, variable)
             self._turn.count("output that the mode does not give", running.entry.index)
             return
         source, version = running.gives[variable]

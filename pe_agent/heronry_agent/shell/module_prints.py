@@ -1,8 +1,8 @@
-"""What modules print, line by line, each with the time of day and the name of the module.
+"""The output that modules print, line by line, each line with the time of day and the name of the module.
 
-The modules of a partition share its standard output, and all partitions of a PE share one log. A line without a name
-would be nobody's. A line is written when its end comes, or when it has become long; what a module prints beside Python
-(a library in C) goes out as it is.
+The modules of a partition share its standard output, and all partitions of a PE share one log. Without a name a reader
+of the log could not tell which module has printed a line. A line is written when its end comes, or when it has become
+long. Output that does not pass through Python (of a library in C) is not changed.
 """
 
 from collections.abc import Callable
@@ -15,16 +15,16 @@ _LONGEST_LINE = 4096  # characters
 
 
 class ModulePrints(TextIOBase):
-    """Stands in the place of `sys.stdout` and `sys.stderr`."""
+    """Replaces `sys.stdout` and `sys.stderr`."""
 
     def __init__(self, under: TextIO, clock: Callable[[], str] = time_of_day) -> None:
-        """under: the stream that gets the lines. clock: gives the time as it stands before a line."""
+        """under: the stream that gets the lines. clock: gives the time of day as a text, for the head of a line."""
         self._under, self._clock = under, clock
         self._begun = ""  # a line whose end has not come
         self._name = ""
 
     def of(self, name: str) -> None:
-        """Name the module that computes from now on; a line that another one has begun ends here."""
+        """Set the module that computes from now on; a line that another module has begun ends here."""
         if name != self._name:
             self._end_line()
             self._name = name

@@ -111,7 +111,7 @@ def what_is_held_back_is_counted() -> None:
     for behaviour in (
         puppets.asking("nowhere"),
         puppets.reporting("device:nothing"),
-        puppets.giving(height=1.0),
+        puppets.giving(height=1.0, help=1),
     ):
         puppets.BEHAVIOUR["helper"] = behaviour
         pe.run(30)

@@ -105,18 +105,19 @@ def test_faults_of_sensors_are_those_of_other_plants() -> None:
     assert len(plant.read("gps", 6 * S)) == 4
 
 
-def _glided(seed: int) -> Flight:
+def _glided(seed: int) -> tuple[Flight, BigBluePlant]:
     modes = best_modes(SPEC)
     for idle in ("experimental_autopilot", "imaging", "image_archive", "pilot_view", "ground_display", "telemetry"):
         del modes[idle]
-    flight = Flight(SPEC, modes, BigBluePlant(seed, start="landing", air=MovingAir(seed, Wind(3.0, 250.0))))
+    plant = BigBluePlant(seed, start="landing", air=MovingAir(seed, Wind(3.0, 250.0)))
+    flight = Flight(SPEC, modes, plant)
     flight.fly(40)
-    return flight
+    return flight, plant
 
 
 def test_the_shipped_avionics_fly_it_home_and_an_equal_seed_flies_to_the_bit_the_same() -> None:
-    flight = _glided(7)
-    truth = flight.plant.truth()
+    flight, plant = _glided(7)
+    truth = plant.truth()
     assert abs(flight.value("pitch_angle") - truth.pitch_deg) < 2
     assert abs(truth.pitch_deg - flight.value("pitch_command")) < 2
     assert 15 < truth.airspeed_m_per_s < 24
@@ -124,5 +125,5 @@ def test_the_shipped_avionics_fly_it_home_and_an_equal_seed_flies_to_the_bit_the
     track = math.degrees(math.atan2(truth.east_m_per_s, truth.north_m_per_s))
     assert abs((bearing - track + 180) % 360 - 180) < 15  # it flies home
     assert flight.reports == []
-    assert _glided(7).plant.truth() == truth
-    assert _glided(8).plant.truth() != truth
+    assert _glided(7)[1].truth() == truth
+    assert _glided(8)[1].truth() != truth

@@ -15,6 +15,8 @@ from heronry_dg.model import Spec
 from heronry_manager.core.vocabulary import EnterPhase
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.fly.avionics.flight_management import Stage
+from heronry_tools.fly.bus_loads import BusLoads
+from heronry_tools.fly.dynamics.eav import FIRST_SURFACE_DEG
 from heronry_tools.fly.dynamics.on_final import eav_on_final
 from heronry_tools.fly.latency import LatencyProbe
 from heronry_tools.fly.mission import Blow, Landing, Mission
@@ -80,10 +82,11 @@ class EavFlight:
         self._recorder = Recorder(spec.name, _title(mission), mission.seed)
         self.probe = LatencyProbe() if mission.probed else None
         plant = eav_on_final(mission, self._recorder, self.probe)
-        self._released = ReleasedPlant(plant)
+        self._plant, self._released = plant, ReleasedPlant(plant)
         absent = () if mission.has_rover else _ROVER
         self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent)
         self._observer = Observer(self.simulation, plant)
+        self._loads = BusLoads(self.simulation)
         self._due = list(mission.blows)
         self._places: dict[str, str] = {}  # by module: where the newest plan lets it run
         self._seen_events = 0
@@ -122,7 +125,7 @@ class EavFlight:
         """Record the moment, and let happen what is due."""
         self._released.plant.advance(self._flown_ns)
         truth = self._released.plant.truth()
-        known = self._observer.columns()
+        known = {**self._observer.columns(), **self._loads.columns(), **self._surfaces()}
         self._recorder.sample(truth, known)
         stage = self._observer.stage()
         self._recorder.state(truth.time_s, "mode", "flight_management", stage)
@@ -138,6 +141,9 @@ class EavFlight:
         if lost_s is not None and self._flown_ns >= lost_s * NS_PER_S and self._recorder.touchdown is None:
             self.simulation.truth.failed("device:differential_receiver")
         self._note_events()
+
+    def _surfaces(self) -> dict[str, float | None]:
+        return {f"{name}_deg": self._plant.servos.surfaces[name].position for name in FIRST_SURFACE_DEG}
 
     def _strike(self, height_m: float) -> None:
         for blow in list(self._due):

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from heronry_dg.model import Spec
 from heronry_tools.aircraft.plant.interface import Failure
+from heronry_tools.fly.bus_loads import BusLoads
 from heronry_tools.fly.dynamics.big_blue import BigBluePlant
 from heronry_tools.fly.dynamics.moving_air import MovingAir
 from heronry_tools.fly.flight import ReleasedPlant
@@ -45,7 +46,7 @@ class GliderFlight:
         self._phases: list[tuple[str, float]] = []
         self._seen_events = 0
         self._cut_m: float | None = None
-        self._bits = dict.fromkeys(spec.buses, 0)
+        self._loads = BusLoads(self.simulation)
         self._chute_seen = False
 
     def fly(self) -> tuple[GliderLanding, FlightRecord]:
@@ -78,7 +79,7 @@ class GliderFlight:
         truth = self._plant.truth()
         surfaces = self._plant.servos.surfaces
         row: dict[str, float | None] = {f"{name}_deg": surfaces[name].position for name in ("elevator", "rudder")}
-        self._recorder.sample(truth, {**row, **self._loads(), "world_s": self._plant.world_s})
+        self._recorder.sample(truth, {**row, **self._loads.columns(), "world_s": self._plant.world_s})
         self._note_release(truth, hung=hung)
         for blow in [blow for blow in self._due if _is_due(blow, truth)]:
             self._due.remove(blow)
@@ -96,15 +97,6 @@ class GliderFlight:
         if self._plant.chute and not self._chute_seen:
             self._chute_seen = True
             self._recorder.mark(truth.time_s, "note", f"the parachute opens at {truth.height_m:.0f} m")
-
-    def _loads(self) -> dict[str, float | None]:
-        """Give the share of each bus's bit rate that was used since the last look."""
-        loads: dict[str, float | None] = {}
-        for name, wires in self.simulation.wiring.wires.items():
-            bits = max(wire.busy_bits for wire in wires)
-            loads[f"load_{name}"] = (bits - self._bits[name]) / (wires[0].bitrate * _LOOK_NS / NS_PER_S)
-            self._bits[name] = bits
-        return loads
 
     def _inject(self, blow: Blow) -> None:
         kind, _, name = blow.element.partition(":")

@@ -97,7 +97,7 @@ class Story:
     _manager_killed_ns: int | None = None
     _silences: int = 0  # outages that were reported since the manager was killed
     _suspects: set[str] = field(default_factory=set)
-    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by whom -> when told, how long
+    _standstills: dict[str, tuple[int, int]] = field(default_factory=dict)  # by what stood still -> when told, how long
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _paths: Mapping[str, str] = field(default_factory=dict)  # plant -> state of its control path
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +134,7 @@ class Story:
                 yield from self._control_paths(event["plants"])
             case "manager_started" if event.get("key") is None:
                 yield Line("no key: any node on the bus can command the system", "quiet")
-            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_news(event):
+            case "advice" | "stood_still" | "heartbeat" | "logs" | "overtime" if self._is_new(event):
                 yield _TELLERS[kind](event)
             case "outage" | "outages" | "summary":
                 yield from self._witnessed(event)
@@ -142,7 +142,7 @@ class Story:
                 pass
 
     def _follow(self, event: Mapping[str, Any]) -> None:
-        """Note which plan runs, and which are on their way."""
+        """Note which plan runs, and which plans are on their way."""
         match event["event"]:
             case "plan_ready":
                 self._next = event["plan"]
@@ -161,7 +161,7 @@ class Story:
         after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
         return Line(f"THE STANDBY MANAGER TAKES OVER{after}: term {event['term']}, after {silent}", "title")
 
-    def _is_news(self, event: Mapping[str, Any]) -> bool:
+    def _is_new(self, event: Mapping[str, Any]) -> bool:
         """Tell whether an event needs a line of its own, as all but some standstills do.
 
         A busy computer stands still many times, one after the other. A standstill has a line if it is longer than the
@@ -355,15 +355,18 @@ def _consequences(spec: Spec, before: Mapping[str, Any], after: Mapping[str, Any
 
 
 def _no_longer_served(function: Function, before: Mapping[str, Any], after: Mapping[str, Any]) -> Line:
-    """Why a function has ended: where the phase did not want it before either, its module ran for others."""
+    """Give the reason why a function is no longer served.
+
+    If the phase before did not want the function either, its module ran because other modules used its data.
+    """
     name, phase = function.name, after["phase"]
     if function.priority_in(phase) > 0 or function.priority_in(before["phase"]) > 0:
         return Line(f"  {name} is no longer served: {after['functions'][name]['why_not']}", "bad")
     module = next(output for output in function.outputs if output in before["modules"])
     where = f"phase {phase}" if phase is not None else "this spec"
     return Line(
-        f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} for what uses its "
-        f"data, has ended; {where} does not want {name} for itself"
+        f"  {name} is no longer served: {module}, which ran on {before['modules'][module]['pe']} because "
+        f"other modules used its data, has ended; {where} does not want {name} for itself"
     )
 
 

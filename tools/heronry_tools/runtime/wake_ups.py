@@ -4,8 +4,8 @@ The measurement is a short rehearsal with as many processes as will fly. Each pr
 moment, and notes how late it ended, less its own processor time. One process that only sleeps would show nothing: the
 kernel lets it run at once, while many processes wait for each other.
 
-A node that is late by L sends its state L late, so others hear nothing from it for its period P and L. They call it
-lost after 3 1/4 P of silence, so P must be more than L / 2 1/4. With P = 2 L the node may become more than four times
+A node with the period P that is late by L sends its state L late, so others hear nothing from it for P + L. They call
+it lost after 3.25 P of silence, so P must be more than L / 2.25. With P = 2 L the node may become more than four times
 as late as in the rehearsal, which is short and may not show the worst case.
 """
 

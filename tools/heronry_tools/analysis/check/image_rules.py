@@ -1,7 +1,7 @@
-"""DG6xx: images. The code that a spec names, as far as it can be found on this computer.
+"""DG6xx: images. These rules are about the code that a spec names, as far as it is found on this computer.
 
-images.py checks these rules in a spec that loads. It runs foreign code, so `check --fast`, the hook of every commit,
-leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is added.
+images.py checks these rules in a spec that loads. The check runs code that is not heronry's, so `check --fast`, which a
+hook runs at every commit, leaves it out. The head of heronry_dg/rules/rule.py shows how a rule is added.
 """
 
 from typing import Final

@@ -1,12 +1,12 @@
 """The check of DG6xx: images of the form `package.module:Class` are imported, where their package is found here.
 
-A package counts as found in the folder of the spec, in the present folder, and where Python finds it. Foreign code may
-do anything when it is imported, so a process of its own does it:
+A package is searched for in the folder of the spec, in the present folder, and where Python finds packages. Code may do
+anything when it is imported, so a process of its own imports it:
 
     python -m heronry_tools.analysis.check.images FOLDER IMAGE ...
 
-It prints one line of JSON for each image: the image, and why it cannot be loaded, or null. If it ends or hangs in the
-middle, the image whose line is missing is to blame, and those after it are not judged.
+The process prints one line of JSON for each image: the image, and the reason why it cannot be loaded, or null. If the
+process ends or hangs, the first image without a line gets the finding, and the images after it get none.
 """
 
 import json
@@ -44,13 +44,13 @@ def check(subject: Subject, findings: Findings) -> None:
 
 
 def _is_here(image: str, folder: Path) -> bool:
-    """Tell whether the package of an image is found; that runs none of its code."""
+    """Tell whether the package of an image is found; this runs no code of the package."""
     package = image.partition(":")[0].partition(".")[0]
     return PathFinder.find_spec(package, [str(folder), str(Path.cwd()), *sys.path]) is not None
 
 
 def _problems(folder: Path, images: Sequence[str]) -> Mapping[str, str | None]:
-    """Load images; gives for each why it cannot be loaded, or None."""
+    """Load images; gives for each the reason why it cannot be loaded, or None."""
     command = [sys.executable, "-m", __name__, str(folder), *images]
     try:
         ran = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=LIMIT_S, check=False)
@@ -63,7 +63,7 @@ def _problems(folder: Path, images: Sequence[str]) -> Mapping[str, str | None]:
 
 
 def main(folder: str, images: Sequence[str]) -> None:
-    """Load images one by one, and print what came of each."""
+    """Load images one by one, and print a line about each."""
     sys.path[:0] = [folder, str(Path.cwd())]
     runner, out = ModuleRunner(lambda: 0), sys.stdout
     for image in images:

@@ -36,6 +36,7 @@ from heronry_tools.fly.report.axes import (
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 _STRIPES = ("#dbe9f6", "#fbe3d3", "#d9f0e7", "#f1e0ee", "#e8eaed", "#fff3c4")
 _MARK_COLOUR = {"fault": ORANGE, "refused": ORANGE, "reconfigured": BLUE, "touchdown": GREEN, "note": GREY}
+_FAR_M = 5_000.0  # a map that reaches further is in km
 _LONG_S = 900.0  # longer flights have their time in minutes
 _AXES = (("x_m", "along"), ("y_m", "across"), ("height_m", "height"))
 
@@ -96,35 +97,57 @@ def _on_field(landed: Touchdown) -> tuple[tuple[str, float, str, str], ...]:
 
 
 def _ground_track(record: FlightRecord) -> str:
+    return _map(record) if record.site == "field" else _along_the_runway(record)
+
+
+def _map(record: FlightRecord) -> str:
+    """Draw a map, north up and of equal scales, with the circle in which a landing is acceptable."""
+    norths, easts = record.columns["x_m"], record.columns["y_m"]
+    is_far = max(abs(value or 0.0) for value in (*norths, *easts)) > _FAR_M
+    unit, factor, height = ("km", 1e-3, 380.0) if is_far else ("m", 1.0, 480.0)
+    up, across = (span([*values, 0.0], least=1200.0) for values in (norths, easts))
+    wide = max(across[1] - across[0], (up[1] - up[0]) * (WIDTH - LEFT - RIGHT) / height)
+    tall = wide * height / (WIDTH - LEFT - RIGHT)
+    ends = [
+        (factor * (sum(reach) - size) / 2, factor * (sum(reach) + size) / 2)
+        for reach, size in ((across, wide), (up, tall))
+    ]
+    drawn = panel(ends[0], ends[1], (f"east of home ({unit})", f"north of home ({unit})"), 26, height)
+    home = drawn.across.px(0.0), drawn.up.px(0.0)
+    radius = drawn.across.px(factor * acceptance.FIELD.distance_m) - home[0]
+    parts = [*legend([("truth", BLACK, "")], 14), *drawn.frame()]
+    parts.append(f'<circle cx="{home[0]:.1f}" cy="{home[1]:.1f}" r="{radius:.1f}" fill="{GREEN}" fill-opacity="0.15"/>')
+    scaled = [[None if value is None else factor * value for value in values] for values in (easts, norths)]
+    parts.append(drawn.line(scaled[0], scaled[1], BLACK))
+    if record.touchdown is not None:
+        parts += drawn.points([factor * record.touchdown.y_m], [factor * record.touchdown.x_m], GREEN)
+    said = f"green: {acceptance.FIELD.distance_m:g} m around home, and the touchdown"
+    return picture(height + 72, "ground track", [*parts, text(WIDTH - RIGHT, 14, said, "end", "tick")])
+
+
+def _along_the_runway(record: FlightRecord) -> str:
     columns = record.columns
-    far = max(abs(value or 0.0) for value in (*columns["x_m"], *columns["y_m"])) > 5_000.0
-    unit, factor = ("km", 1e-3) if far and record.site == "field" else ("m", 1.0)
-
-    def scaled(name: str) -> list[Value]:
-        return [None if value is None else factor * value for value in columns[name]]
-
     has_estimate = record.known("estimate_x_m") and record.known("estimate_y_m")
-    aside = scaled("y_m") + (scaled("estimate_y_m") if has_estimate else [])
-    labels = (f"x, along the landing direction or north ({unit})", f"y, right or east ({unit})")
-    drawn = panel(span(scaled("x_m")), span(aside, least=20.0 * factor), labels, 26, 260)
+    aside = [*columns["y_m"], *(columns["estimate_y_m"] if has_estimate else ())]
+    labels = ("x from the aim, along the landing direction (m)", "y, right of the centre line (m)")
+    drawn = panel(span(columns["x_m"]), span(aside, least=20.0), labels, 26, 260)
     parts = [*legend([("truth", BLACK, ""), *([("estimate", BLUE, "6 3")] if has_estimate else [])], 14)]
-    on_runway = record.site == "runway"
-    if on_runway:
-        half, (first, last) = acceptance.RUNWAY.offset_m, acceptance.RUNWAY.along_m
-        limits = (max(first, drawn.across.least), min(last, drawn.across.most))
+    half, (first, last) = acceptance.RUNWAY.offset_m, acceptance.RUNWAY.along_m
+    limits = (max(first, drawn.across.least), min(last, drawn.across.most))
+    if limits[0] < limits[1]:
         parts += [drawn.box(limits, (-half, half), "#d9f0e7")]
     parts += drawn.frame()
     if has_estimate:
-        parts.append(drawn.line(scaled("estimate_x_m"), scaled("estimate_y_m"), BLUE, "6 3"))
-    parts.append(drawn.line(scaled("x_m"), scaled("y_m"), BLACK))
+        parts.append(drawn.line(columns["estimate_x_m"], columns["estimate_y_m"], BLUE, "6 3"))
+    parts.append(drawn.line(columns["x_m"], columns["y_m"], BLACK))
     if record.touchdown is not None:
         landed = record.touchdown
-        parts += drawn.points([landed.x_m * factor], [landed.y_m * factor], GREEN)
-        beside = -8 if drawn.across.px(landed.x_m * factor) > WIDTH / 2 else 8
+        parts += drawn.points([landed.x_m], [landed.y_m], GREEN)
+        beside = -8 if drawn.across.px(landed.x_m) > WIDTH / 2 else 8
         anchor = "end" if beside < 0 else "start"
-        place = drawn.across.px(landed.x_m * factor) + beside, drawn.up.px(landed.y_m * factor) - 8
+        place = drawn.across.px(landed.x_m) + beside, drawn.up.px(landed.y_m) - 8
         parts.append(text(*place, "touchdown", anchor))
-    note = "the scales of the axes differ" + ("; green: where a landing is acceptable" if on_runway else "")
+    note = "the scales of the axes differ; green: where a landing is acceptable"
     parts.append(text(WIDTH - RIGHT, 14, note, "end", "tick"))
     return picture(330, "ground track", parts)
 
@@ -282,6 +305,7 @@ def _lanes(record: FlightRecord, reach: tuple[float, float], factor: float, top:
     labels = list(dict.fromkeys(stretch.label for row in shown.values() for stretch in row))
     for subject, row in sorted(shown.items()):
         drawn = panel(reach, (0.0, 1.0), ("", ""), y, 18)
+        is_named = False
         for stretch in row:
             fill = _STRIPES[labels.index(stretch.label) % len(_STRIPES)]
             begin, end = stretch.start_s * factor, stretch.end_s * factor
@@ -290,6 +314,12 @@ def _lanes(record: FlightRecord, reach: tuple[float, float], factor: float, top:
                 len(subject) + len(stretch.label) + 2
             ):
                 parts.append(text(drawn.across.px(max(begin, reach[0])) + 4, y + 13, f"{subject}: {stretch.label}"))
+                is_named = True
+        if not is_named:
+            ran = f"{subject}: {row[0].label} until {row[0].end_s:.1f} s"
+            parts.append(
+                text(drawn.across.px(min(max(row[0].end_s * factor, reach[0]), sum(reach) / 2)) + 4, y + 13, ran)
+            )
         parts.append(f'<path class="grid" d="M{LEFT},{y + 20}H{WIDTH - RIGHT}"/>')
         y += 22
     return parts, y - top + 8

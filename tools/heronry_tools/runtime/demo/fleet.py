@@ -156,7 +156,10 @@ class Fleet:
         return default_socket(self._called if node == FIRST_MANAGER else f"{self._called}-standby")
 
     def active_manager(self) -> int:
-        """Node-ID of the active manager, from its status: on a busy computer the standby may have taken over."""
+        """Node-ID of the active manager, from its status.
+
+        On a busy computer the standby manager may have taken over.
+        """
         if len(self._managers) > 1:
             for node in self._managers:
                 with contextlib.suppress(ControlError):
@@ -228,7 +231,7 @@ class Fleet:
         return None
 
     def last_words(self, name: str) -> str:
-        """Last line that a process wrote to its standard error."""
+        """Last line that a process wrote to its standard error, or a sentence that there is none."""
         log = self.folder / f"{name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         return lines[-1] if lines else "it wrote no message"
@@ -242,7 +245,10 @@ class Fleet:
         self._end(signal.SIGTERM)
 
     def _end(self, number: signal.Signals) -> None:
-        """Send all processes a signal, and kill what goes on; an interrupted demo does not wait for its nodes."""
+        """Send all processes a signal, and kill those that do not end.
+
+        An interrupted demo does not wait for its nodes.
+        """
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(number)

@@ -86,7 +86,10 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _plans_ahead(spec: Spec, text: str, source: Source) -> tuple[Contingencies | None, PlanningAhead | None]:
-    """Give the plans to fly with; where those for single faults have not been made yet, also what makes them behind."""
+    """Give the plans to fly with.
+
+    If the plans for single faults have not been made yet, give also the process that makes them in the background.
+    """
     if source is not Ahead.SINGLE_FAULTS:
         return contingencies_of(spec, source), None
     made = kept_contingencies(spec)

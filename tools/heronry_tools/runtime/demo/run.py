@@ -122,7 +122,7 @@ class Show:
                 )
 
     def _measure_lateness(self, meter: LatenessMeter) -> None:
-        """Tell a long standstill of this process, whose actions and observations are late then."""
+        """Report a long standstill of this process, because its actions and observations are late then."""
         now_ns = time.monotonic_ns()
         late = meter.woke(now_ns, time.thread_time_ns())
         if late is not None and self._standstills.count(late, now_ns):
@@ -222,11 +222,11 @@ class Show:
         self._tell_plans(None if self._behind is None else self._behind.outcome())
         if self._start_ns is None:
             return
-        outages = [one for one in self._witness.outages(now_ns) if self._is_news(one, now_ns)]
+        outages = [one for one in self._witness.outages(now_ns) if self._is_new(one, now_ns)]
         for over in (False, True):
             self._tell_outages([one for one in outages if (one.to_ns is not None) == over], now_ns)
 
-    def _is_news(self, outage: Outage, now_ns: int) -> bool:
+    def _is_new(self, outage: Outage, now_ns: int) -> bool:
         """Tell whether an outage is over, or lasts long, and has not been told as that; notes that it is now."""
         over = outage.to_ns is not None
         key = (outage.function, outage.from_ns, over)

@@ -1,4 +1,7 @@
-"""The topic CANopen NMT and heartbeat (CiA 301, 7.2.8): refused in flight, executed on a desk; the heartbeat time."""
+"""The topic CANopen NMT and heartbeat (CiA 301, 7.2.8).
+
+In flight the PE must refuse every NMT command, and on a desk execute it; the heartbeat time can be set in both cases.
+"""
 
 from heronry_tools.sim.world.inspection.topic import (
     BOOT_UP,
