@@ -100,6 +100,8 @@ class EavFlight:
         self._begin_ns = simulation.now_ns
         self._released.release(self._begin_ns)
         Injections(simulation, self._mission.acts, simulation.now_ns)
+        if self._mission.corrections_lost_s is not None:
+            self._recorder.mark(self._mission.corrections_lost_s, "note", "the receiver's corrections are lost")
         if self._mission.must_land:
             simulation.operator.say(EnterPhase("must_land"))
         while not self._is_over():

@@ -338,8 +338,8 @@ def _marks(record: FlightRecord, axis: Panel, factor: float, bottom: float) -> I
         dash = ' stroke-dasharray="3 3"' if mark.kind in ("reconfigured", "note") else ""
         yield f'<path d="M{x:.1f},24V{bottom - 6:.0f}" stroke="{colour}" stroke-width="1.2"{dash}/>'
         lower = 12 if x - taken < 16 else 0
-        yield f'<rect x="{x - 8:.1f}" y="{42 + 2 * lower}" width="16" height="15" rx="3" fill="{colour}"/>'
-        yield f'<text x="{x:.1f}" y="{54 + 2 * lower}" text-anchor="middle" style="fill:#fff">{index}</text>'
+        yield f'<rect x="{x - 8:.1f}" y="{50 + 2 * lower}" width="16" height="15" rx="3" fill="{colour}"/>'
+        yield f'<text x="{x:.1f}" y="{62 + 2 * lower}" text-anchor="middle" style="fill:#fff">{index}</text>'
         taken = x if not lower else taken
 
 
