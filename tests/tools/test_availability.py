@@ -75,7 +75,7 @@ def test_forged_frames_below_a_tenth_of_the_bus_deny_nothing_and_each_defect_is_
     assert denied(kind)["availability"] > 0
 
 
-def test_a_tenth_of_the_bus_and_a_flight_with_another_fault_are_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tenth_of_the_bus_and_a_flight_with_another_fault_are_not_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     believes_neighbours(monkeypatch)
     assert denied("forged_epoch", 10)["availability"] == 0
     assert denied("forged_epoch", 9, "0.5 reboot pe:tail_b")["availability"] == 0

@@ -85,6 +85,10 @@ RULES = [
     ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
     Rule(r"pip wheel .*", How.EXEMPT, "it fetches the build system; test_small_install.py builds the wheel"),
+    Rule(r"heronry top( --log flight.log big_blue)?|heronry top --log flight", How.EXEMPT, "tests/watch/test_top.py"),
+    Rule(r"heronry (top|metrics|log convert) .*flight\.log big_blue.*", How.EXEMPT, "tests/watch flies and runs them"),
+    Rule(r"heronry (record|log convert|replay) .*\bflight\b.*", How.EXEMPT, "tests/watch and tests/live record one"),
+    Rule(r"heronry metrics --port .*", How.EXEMPT, "tests/live/test_watching_live.py scrapes it"),
     Rule(r"heronry demo elevator_and_chute --kill .*", How.LIVE, is_long=True),  # test_demo.py tells the same story
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),

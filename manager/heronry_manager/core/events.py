@@ -2,14 +2,13 @@
 
 Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `event` (a key of KINDS) and the fields
 listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never query the
-manager: `reduce` builds their snapshot from the lines, live or recorded.
+manager: `heronry_tools.watch` builds their snapshot from the lines, live or recorded.
 
 Lines come from the manager's core, and from `heronry demo` for what it did to the system itself (kill, restore).
 """
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from typing import Any
 
 VERSION = 1
@@ -95,100 +94,3 @@ def event(kind: str, now_ns: int, **data: Any) -> dict[str, Any]:
 def to_line(one: Mapping[str, Any]) -> str:
     """Encode an event as one line of JSON, without its line break."""
     return json.dumps(one, separators=(",", ":"), sort_keys=False)
-
-
-@dataclass(slots=True)
-class Snapshot:
-    """What a view shows: the state of the system after some events."""
-
-    spec: str = ""
-    epoch: int = 0
-    phase: str | None = None
-    pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
-    failed: list[str] = field(default_factory=list)  # latched elements
-    links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
-    lost_channels: dict[str, list[str]] = field(default_factory=dict)  # of replicated buses: the nodes that lack each
-    plan: dict[str, Any] = field(default_factory=dict)
-    stage: str = "starting"  # planning, preparing, activating, running
-    reconfigurations: list[dict[str, Any]] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-
-
-_STANDING = {
-    "pe_suspected": "suspect",
-    "pe_answered": "up",
-    "pe_lost": "down",
-    "pe_absent": "down",
-    "pe_heard_again": "returning",
-    "pe_joined": "up",
-}
-_STAGE = {
-    "plan_requested": "planning",
-    "epoch_prepared": "preparing",
-    "epoch_step": "activating",
-    "reconfigured": "running",
-    "plan_unchanged": "running",
-    "plan_kept": "running",
-    "stopped": "stopped",
-}
-
-
-def reduce(events: Iterable[Mapping[str, Any]], start: Snapshot | None = None) -> Snapshot:
-    """Fold events into a snapshot that goes on from `start`; kinds of a later version are ignored."""
-    view = Snapshot() if start is None else _copy(start)
-    for one in events:
-        _apply(view, one)
-    return view
-
-
-def _copy(view: Snapshot) -> Snapshot:
-    return replace(
-        view,
-        pes=dict(view.pes),
-        failed=list(view.failed),
-        links=dict(view.links),
-        lost_channels={channel: list(by) for channel, by in view.lost_channels.items()},
-        reconfigurations=list(view.reconfigurations),
-        problems=list(view.problems),
-    )
-
-
-def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
-    kind = one.get("event", "")
-    view.stage = _STAGE.get(kind, view.stage)
-    if kind in _STANDING:
-        view.pes[one["pe"]] = _STANDING[kind]
-    match kind:
-        case "manager_started":
-            view.spec, view.phase = one["spec"], one.get("phase")
-        case "fault_cleared":
-            view.failed = [element for element in view.failed if element != one["element"]]
-        case "link_limited" | "link_gone" | "link_back":
-            _apply_link(view, one)
-        case "channel_lost" | "channel_back":
-            _apply_channel(view, one)
-        case "phase_changed":
-            view.phase = one["phase"]
-        case "fault_reported" if one["element"] not in view.failed:
-            view.failed.append(one["element"])
-        case "plan_ready":
-            view.plan, view.phase = one["plan"], one["plan"].get("phase")
-        case "reconfigured":
-            view.epoch = one["epoch"]
-            view.reconfigurations.append(dict(one))
-        case "plan_failed" | "second_manager" | "pe_refused" | "bus_trouble":
-            view.problems.append(to_line(one))
-        case _:
-            pass
-
-
-def _apply_link(view: Snapshot, one: Mapping[str, Any]) -> None:
-    share = one.get("share", "100%" if one["event"] == "link_back" else "gone")
-    view.links.pop(one["bus"], None)
-    view.links |= {one["bus"]: share} if share != "100%" else {}
-
-
-def _apply_channel(view: Snapshot, one: Mapping[str, Any]) -> None:
-    lacking = [by for by in view.lost_channels.pop(one["channel"], []) if by != one["by"]]
-    lacking += [one["by"]] if one["event"] == "channel_lost" else []
-    view.lost_channels |= {one["channel"]: lacking} if lacking else {}

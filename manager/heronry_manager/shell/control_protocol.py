@@ -10,8 +10,9 @@
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
     {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
     {"v": 1, "do": "release"}                                       the script that is held
+    {"v": 1, "do": "follow"}                        a status, then every event: see `followers`
 
-Every request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
+Every other request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
 """
 
 import json
@@ -44,8 +45,15 @@ class FlyScript:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """The caller wants to read the manager's events from now on, and gives no more orders."""
+
+
 Question = AskStatus | AskTraceback
-Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
+Spoken = (
+    EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question | Follow
+)
 """The orders on the line: as the core's, with the text of a script in the place of its target."""
 
 _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
@@ -56,6 +64,9 @@ _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe
     "traceback": AskTraceback,
     "script": FlyScript,
 }
+
+
+_BARE: Mapping[type, str] = {AskStatus: "status", ReleaseTarget: "release", Follow: "follow"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +82,8 @@ class Answer:
 def order_line(order: Spoken) -> bytes:
     """Encode a request."""
     match order:
-        case AskStatus():
-            return _line({"v": VERSION, "do": "status"})
+        case AskStatus() | ReleaseTarget() | Follow():
+            return _line({"v": VERSION, "do": _BARE[type(order)]})
         case EnterPhase(phase):
             return _line({"v": VERSION, "do": "phase", "what": phase})
         case SetPriority(function, priority):
@@ -87,8 +98,6 @@ def order_line(order: Spoken) -> bytes:
             return _line({"v": VERSION, "do": "traceback", "what": element})
         case FlyScript(text):
             return _line({"v": VERSION, "do": "script", "what": text})
-        case ReleaseTarget():
-            return _line({"v": VERSION, "do": "release"})
 
 
 def read_order(line: bytes) -> Spoken | str:
@@ -102,6 +111,8 @@ def read_order(line: bytes) -> Spoken | str:
             return SetPriority(what, priority)
         case {"v": _, "do": "release"}:
             return ReleaseTarget()
+        case {"v": _, "do": "follow"}:
+            return Follow()
         case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
             return _WITH_WHAT[do](what)
         case _:
@@ -119,7 +130,7 @@ def answer_line(answer: Answer) -> bytes:
 def read_answer(line: bytes) -> Answer | None:
     """Decode a reply; None if the line is not one.
 
-    Characters that would control a terminal are escaped: whoever answers, an answer is data.
+    Characters that would control a terminal are escaped: an answer is data, from any process.
     """
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:

@@ -11,14 +11,16 @@ from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
     **dict.fromkeys(("canopen", "numpy", "ortools", "pydantic", "yaml"), "manager"),
-    **dict.fromkeys(("cantools", "rich"), "watch"),
+    **dict.fromkeys(("cantools", "rich", "textual"), "watch"),
+    **dict.fromkeys(("asammdf", "mcap", "prometheus_client"), "export"),
     "distributed": "cluster",
     "highspy": "dev",
 }
 _SMALLER: Final = {
     **dict.fromkeys(("check", "explain", "rules", "schema"), "check"),
     "doctor": "doctor",
-    "dbc": "watch",
+    **dict.fromkeys(("dbc", "record", "top"), "watch"),
+    **dict.fromkeys(("log", "metrics"), "export"),
 }
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()

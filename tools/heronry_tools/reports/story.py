@@ -91,6 +91,12 @@ class Line:
     tone: Tone = "plain"
 
 
+def plain_line(event: Mapping[str, Any]) -> Line | None:
+    """Give the sentence of an event that needs to know no other event; None where it has none."""
+    template, tone = _SENTENCES.get(event["event"], ("", "plain"))
+    return Line(template.format_map(event), tone) if template else None
+
+
 @dataclass(slots=True)
 class Story:
     """Turns events into sentences; its clock starts when the first configuration runs, or is advised."""
@@ -117,9 +123,9 @@ class Story:
     def _lines(self, event: Mapping[str, Any]) -> Iterator[Line]:
         kind = event["event"]
         self._follow(event)
-        if kind in _SENTENCES:
-            template, tone = _SENTENCES[kind]
-            yield Line(template.format_map(event), tone)
+        plain = plain_line(event)
+        if plain is not None:
+            yield plain
         match kind:
             case "process":
                 yield from self._process(event)
