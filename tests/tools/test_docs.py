@@ -130,6 +130,7 @@ RULES = [
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
+    Rule(r"python -m lab\.scripts_in_flight\b.*", How.RUN, more="--runs 1 --seconds 1"),
     Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
