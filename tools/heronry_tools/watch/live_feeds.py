@@ -195,7 +195,9 @@ class ListenedBuses:
         self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
     ) -> None:
         """Listen on buses; raises LinkError. tables: of the PEs, with the contingencies on board."""
-        self.spec, self.spec_file, self.trouble = spec, None, None
+        self.spec = spec
+        self.spec_file: Path | None = None
+        self.trouble: str | None = None
         self.frames: list[LoggedFrame] = []
         now_ns = time.monotonic_ns()
         self._buses = HeardBuses(spec, choices, Listening(spec, now_ns, key=key, tables=tables))
