@@ -128,14 +128,33 @@ def answer_line(answer: Answer) -> bytes:
 
 
 def read_answer(line: bytes) -> Answer | None:
-    """Decode a reply; None if the line is not one."""
+    """Decode a reply; None if the line is not one.
+
+    Characters that would control a terminal are escaped: whoever answers, an answer is data.
+    """
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:
             status = rest.get("status")
             is_unusable = rest.get("unusable") is True
-            return Answer(done, sentence, status if isinstance(status, dict) else None, is_unusable)
+            harmless = _harmless(status) if isinstance(status, dict) else None
+            return Answer(done, _harmless(sentence), harmless, is_unusable)
         case _:
             return None
+
+
+def _harmless(value: Any) -> Any:
+    """Give a value in which every text can be printed: line breaks and tabs stay, control characters are escaped."""
+    match value:
+        case str():
+            if value.isprintable():
+                return value
+            return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in value)
+        case dict():
+            return {_harmless(key): _harmless(one) for key, one in value.items()}
+        case list():
+            return [_harmless(one) for one in value]
+        case _:
+            return value
 
 
 def _line(fields: Mapping[str, object]) -> bytes:

@@ -7,11 +7,14 @@ socket. The kernel names the user of each caller, and callers of any other user 
 
 A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts with the followers.
 
-A caller that sends too much without a line break, or does not read its answer, is dropped; so is a caller beyond
-MOST_CALLERS. Other callers are not affected.
+A caller that sends too much without a line break, or does not read its answer, is dropped. Where MOST_CALLERS are
+there, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one; only
+where every caller waits for an answer is the new one dropped. One descriptor is reserved for that: a caller that cannot
+be accepted would stay in the queue, and the loop would be called for it without end.
 """
 
 import contextlib
+import errno
 import fcntl
 import os
 import select
@@ -47,6 +50,8 @@ class ControlSocket:
         self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
+        self._reserve: int | None = None  # a descriptor
+        self._reserve_again()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._listen()
@@ -74,10 +79,10 @@ class ControlSocket:
         for one in ready:
             if one is self._listener:
                 self._let_in()
-            elif one not in self._callers:
-                self.followers.heard(one)
-            else:
+            elif one in self._callers:  # it may have made room for another one just now
                 said += self._hear(one)
+            else:
+                self.followers.heard(one)
         return said
 
     def answer(self, reply: Reply) -> None:
@@ -92,6 +97,9 @@ class ControlSocket:
         for one in self.readers():
             one.close()
         self._callers.clear()
+        if self._reserve is not None:
+            os.close(self._reserve)
+            self._reserve = None
         self._lock.close()
 
     def _listen(self) -> None:
@@ -106,20 +114,48 @@ class ControlSocket:
 
     def _let_in(self) -> None:
         with contextlib.suppress(OSError):  # the caller may have hung up already
-            caller, _ = self._listener.accept()
+            caller = self._accept()
             caller.setblocking(False)
-            if user_beyond(caller) in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
+            self._reserve_again()
+            if user_beyond(caller) in (0, os.getuid()) and self._has_room():
                 self._callers[caller] = b""
             else:
                 caller.close()
+        self._reserve_again()
+
+    def _reserve_again(self) -> None:
+        if self._reserve is None:
+            with contextlib.suppress(OSError):
+                self._reserve = os.open(os.devnull, os.O_RDONLY)
+
+    def _accept(self) -> socket.socket:
+        """Accept a caller; if there is no descriptor left for it, it gets the reserved one."""
+        try:
+            return self._listener.accept()[0]
+        except OSError as error:
+            if error.errno not in (errno.EMFILE, errno.ENFILE) or self._reserve is None:
+                raise
+        os.close(self._reserve)
+        self._reserve = None
+        return self._listener.accept()[0]
+
+    def _has_room(self) -> bool:
+        """Tell whether there is room for one more caller, if needed after dropping the one idle for longest."""
+        if len(self._callers) < MOST_CALLERS and self._reserve is not None:
+            return True
+        waiting = self._awaiting_answer.values()
+        idle = next((caller for caller in self._callers if caller not in waiting), None)
+        if idle is not None:
+            self._drop(idle)
+        return idle is not None
 
     def _hear(self, caller: socket.socket) -> list[OperatorSaid | ScriptSaid]:
         try:
             chunk = caller.recv(LONGEST_ORDER_BYTES)
         except OSError:
             chunk = b""
-        *lines, rest = (self._callers[caller] + chunk).split(b"\n")
-        self._callers[caller] = rest
+        *lines, rest = (self._callers.pop(caller) + chunk).split(b"\n")
+        self._callers[caller] = rest  # the last one: it was heard last
         said = [one for line in lines if (one := self._understood(caller, line)) is not None]
         if caller not in self._callers:  # it follows from now on
             return said

@@ -66,7 +66,9 @@ class Followers:
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:
-        """Drop a reader that has hung up; what else it says is not read."""
+        """Drop a reader that has hung up; what else it says is not read. A socket that does not follow is ignored."""
+        if caller not in self._of:
+            return
         with contextlib.suppress(BlockingIOError):
             try:
                 is_over = not caller.recv(4096)
