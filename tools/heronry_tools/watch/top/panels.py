@@ -212,8 +212,12 @@ def details(view: Snapshot, look: Look) -> Iterator[str]:
     pe = view.pes.get(look.selected)
     if pe is not None:
         yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")
-        yield f"  boot {pe.incarnation}, {pe.reboots} reboots seen, {pe.restarts} restarts of modules"
-        yield f"  it reports epoch {pe.epoch} ({pe.runs}), hears a manager: {pe.hears_manager}, CPU {pe.load_percent} %"
+        boot = "" if pe.incarnation is None else f"boot number {pe.incarnation}, "
+        yield f"  {boot}{pe.reboots} reboots seen, {pe.restarts} restarts of modules"
+        runs = "no epoch" if pe.epoch is None else f"epoch {pe.epoch} ({pe.runs})"
+        hears = {True: "hears a manager", False: "hears no manager", None: "was not heard here"}[pe.hears_manager]
+        load = "" if pe.load_percent is None else f", CPU load {pe.load_percent} %"
+        yield f"  it reports {runs}, {hears}{load}"
         yield f"  standstills of its computer: {pe.stood_still}"
         for name in pe.modules:
             module = view.modules[name]
