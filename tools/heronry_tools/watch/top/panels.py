@@ -26,6 +26,7 @@ _SEVERITY = {
 }
 _MANAGER = {"reigning": "active", None: "not heard"}  # states whose value is an older word
 _NS_PER_S = 1_000_000_000
+_LOST_IN_HEAD = 2
 LEGEND = (
     "PEs        U up   ? suspect   R returning   X down   w never heard",
     "functions  S served   d degraded   L lost   - not wanted   ~ served, but not heard on the bus",
@@ -58,6 +59,8 @@ def head(view: Snapshot) -> list[Text]:
     line.append(f"manager {manager.node or '-'} {state}  ")
     line.append(view.stage.upper(), "bold green" if view.stage == "running" else "bold yellow")
     lines = [line]
+    lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
+    lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     notes = [] if view.knows_why else ["the bus alone: no causes are known"]
     notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
     notes += [f"the loop through {name} is open" for name, plant in view.plants.items() if plant.state != "on_path"]
