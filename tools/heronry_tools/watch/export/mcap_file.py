@@ -37,7 +37,7 @@ def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ..
     from mcap.writer import Writer  # noqa: PLC0415 - an extra
 
     with file.open("wb") as stream:
-        writer = Writer(stream)
+        writer: Any = Writer(stream)  # in part without types
         writer.start(profile="", library=f"heronry {program_version()}")
         spec = recording.spec
         writer.add_metadata("heronry", {"spec": spec.name, "spec_digest": spec.digest, "source": recording.source})
