@@ -74,6 +74,7 @@ KINDS: Mapping[str, str] = {
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
     "planned_ahead": "sentence: plans for single faults that are made behind a demo, for the next one",
+    "page": "address: where a browser on this computer finds the page of the demo",
     "orders": "flags: with these the operator's commands reach the manager of the demo",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
