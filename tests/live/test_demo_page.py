@@ -62,7 +62,7 @@ def demo() -> Iterator[Demo]:
     flying.process.communicate(timeout=30)
 
 
-def test_a_demo_shows_itself_and_obeys_its_page(demo: Demo) -> None:
+def test_a_demo_shows_itself_and_executes_what_its_page_orders(demo: Demo) -> None:
     epoch = demo.until("reconfigured")["epoch"]
     if not demo.address:
         demo.until("page")

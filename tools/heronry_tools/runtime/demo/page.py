@@ -79,7 +79,7 @@ class Page:
         self._is_told = True
         return str(json.loads(line)["address"])
 
-    def obey(self, do: Do) -> None:
+    def execute(self, do: Do) -> None:
         """Do what the page orders, and answer it."""
         line = self._orders.recv(_MOST_BYTES)
         if not line:  # the page has ended; the flight goes on

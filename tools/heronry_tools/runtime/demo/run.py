@@ -219,7 +219,7 @@ class Show:
             if address is not None:
                 self._emit("page", address=address)
             else:
-                self._page.obey(self._do)
+                self._page.execute(self._do)
 
     def _do(self, what: str, pe: str) -> str:
         """Kill or restore a PE; says so in a sentence. Raises UserError where it runs already, or does not."""
