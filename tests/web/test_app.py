@@ -182,7 +182,7 @@ def test_the_stream_of_a_live_system_tells_what_comes_and_when_nothing_does():
         for event in flown()[:40]:
             live.take(event)
         found.append(await anext(stream))
-        live.end("the manager has ended")
+        live.waits("the manager has ended")
         found.append(await anext(stream))
         closing.set()
         return [*found, *[one async for one in stream]], live

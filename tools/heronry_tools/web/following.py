@@ -47,7 +47,7 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
         live.take_all(events, trouble, is_alive=is_alive)
 
     try:
-        feed, has_frames = _opened(open_feed), False
+        feed, has_frames = _opened(open_feed, lambda why: loop.call_soon_threadsafe(live.waits, why)), False
         while True:
             select.select(feed.readers(), [], [], _LOOK_S)
             events = feed.poll()
@@ -60,14 +60,16 @@ def _read(open_feed: OpenFeed, live: Live, manager: Path | None, loop: asyncio.A
     except Exception as error:  # noqa: BLE001 - a thread that dies would leave pages that look alive
         sentence = as_user_error(error) or f"the feed has failed ({type(error).__name__}: {error})"
         with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(live.end, sentence)
+            loop.call_soon_threadsafe(live.waits, sentence)
 
 
-def _opened(open_feed: OpenFeed) -> Feed:
-    """Open a feed, once its manager listens."""
+def _opened(open_feed: OpenFeed, waits: Callable[[str], object]) -> Feed:
+    """Open a feed, once its manager listens; `waits` is told why it cannot be opened yet."""
     while True:
-        with suppress(ControlError):
+        try:
             return open_feed()
+        except ControlError:
+            waits("the manager does not listen yet")
         time.sleep(_AGAIN_S)
 
 

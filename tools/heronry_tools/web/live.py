@@ -71,8 +71,8 @@ class Live:
             self._lines.append(json.dumps(event, separators=(",", ":")))
         self._wake()
 
-    def end(self, sentence: str) -> None:
-        """Note that the feed has ended, for good."""
+    def waits(self, sentence: str) -> None:
+        """Note why nothing comes at present, or ever again."""
         self.trouble = sentence
         self._wake()
 
