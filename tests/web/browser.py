@@ -104,9 +104,9 @@ class Watched:
         self.page.click(f'#tabs a[href="#{name}"]')
         self.page.wait_for_selector(f"#panel-{name}:not([hidden])")
 
-    def until(self, script: str) -> None:
+    def until(self, script: str, longest_s: float = 10.0) -> None:
         """Wait until a script gives true; Playwright's own way needs an `eval` that the page forbids."""
-        for _ in range(400):
+        for _ in range(round(longest_s * 40)):
             if self.page.evaluate(script):
                 return
             self.page.wait_for_timeout(25)

@@ -1,11 +1,18 @@
 """The page in Debian's Chromium, on a recorded flight of big_blue."""
 
 import json
+from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
+from heronry_manager.shell.control_protocol import Answer
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.web.desk import Desk
+from heronry_tools.web.live import Live
+from heronry_tools.web.orders import Orders
 from web.browser import PICTURES, Server, Watched, browser, needs_chromium, recorded
+from web.flight import big_blue, flown
 
 pytestmark = needs_chromium
 
@@ -108,6 +115,104 @@ def test_a_recorded_flight_in_the_browser(chromium):
         server.stop()
         watched.page.wait_for_selector("#stale:not([hidden])", timeout=8000)
         assert "STALE" in (watched.page.text_content("#stale") or "")
+
+
+class Noted(Orders):
+    """Orders that are only noted."""
+
+    def __init__(self, given):
+        super().__init__(Path("none.sock"))
+        object.__setattr__(self, "given", given)
+
+    async def give(self, order):
+        self.given.append(order)
+        return Answer(done=True, sentence="the order is noted")
+
+
+def watched_now(events=None):
+    live = Live(Reducer(big_blue()), "manager")
+    live.take_all(flown() if events is None else events, None, is_alive=True)
+    return live
+
+
+@pytest.mark.soak
+def test_an_order_is_given_only_after_what_it_costs_is_named(chromium):
+    given = []
+    with Server(watched_now(), operates=True, orders=Noted(given)) as server:
+        watched = Watched(chromium)
+        watched.open(server.access.url(with_token=True))
+        assert server.access.token not in watched.page.url
+        watched.page.click('#pes [data-pe="air"] header button')
+        watched.page.click('#details [data-order="fail pe:air"]')
+        watched.page.wait_for_selector("#confirm .lost-list li, #confirm p:not(.muted)", timeout=60_000)
+        expect_axe_to_find_nothing(watched, "the question before an order")
+        lost = watched.page.eval_on_selector_all("#confirm .lost-list b", "(all) => all.map((one) => one.textContent)")
+        plan = Desk(big_blue()).answer({"ask": "plan", "down": [*watched.known()["down"], "pe:air"], "phase": "glide"})
+        served = {name for name, one in watched.known()["functions"].items() if one["served"]}
+        assert sorted(lost) == sorted(name for name in served if not plan["plan"]["functions"][name]["served"])
+        assert given == []
+        watched.page.click("#confirm button.grave")
+        watched.page.wait_for_selector("#note:not([hidden])")
+        assert given == [{"do": "fail", "what": "pe:air"}]
+        assert watched.wrong == []
+
+
+@pytest.mark.soak
+def test_what_if_shows_what_the_planner_says(chromium):
+    with Server(watched_now()) as server:
+        watched = Watched(chromium)
+        watched.open(server.address)
+        watched.panel("what-if")
+        for down in (["pe:flight"], ["pe:flight", "pe:comms"], []):
+            watched.page.click("text=Nothing down")
+            for element in down:
+                watched.page.check(f'#what-if-form input[value="{element}"]')
+            watched.page.select_option("#what-if-phase", "glide")
+            expected = Desk(big_blue()).answer({"ask": "plan", "down": down, "phase": "glide"})
+            text = json.dumps(sorted(down))
+            shown = f"""(() => {{
+                const table = document.querySelector("#what-if-answer:not(.busy) [data-plan]");
+                return table && JSON.stringify(JSON.parse(table.dataset.plan).down) === {json.dumps(text)}
+                    .replaceAll(", ", ",");
+            }})()"""
+            watched.until(shown, 60)
+            table = watched.page.get_attribute("#what-if-answer [data-plan]", "data-plan")
+            assert json.loads(table) == json.loads(json.dumps(expected["plan"]))
+
+
+@pytest.mark.soak
+def test_the_graph_is_walked_with_the_keyboard(chromium):
+    with Server(watched_now()) as server:
+        watched = Watched(chromium)
+        watched.open(server.address)
+        watched.page.wait_for_selector("#graph .node")
+        watched.page.eval_on_selector('#graph .node[tabindex="0"]', "(one) => one.focus()")
+        first = watched.page.evaluate("document.activeElement.dataset.key")
+        watched.page.keyboard.press("ArrowDown")
+        second = watched.page.evaluate("document.activeElement.dataset.key")
+        assert first != second
+        watched.page.keyboard.press("Enter")
+        watched.page.wait_for_selector("#details:not([hidden])")
+        assert second.partition(":")[2] in (watched.page.text_content("#details-title") or "")
+        watched.page.keyboard.press("Escape")
+        watched.page.wait_for_selector("#details", state="hidden")
+        assert watched.page.evaluate("document.activeElement.dataset.key") == second
+
+
+@pytest.mark.soak
+def test_a_hundred_reconfigurations_move_nothing(chromium):
+    live = watched_now([])
+    with Server(live) as server:
+        watched = Watched(chromium)
+        watched.open(server.address)
+        watched.page.wait_for_selector("#graph .node")
+        places = watched.places()
+        for _ in range(25):
+            live.take_all(flown(), None, is_alive=True)
+            watched.page.wait_for_timeout(150)
+        watched.until(f"heronry.store.snapshot.events === {live.snapshot.events}")
+        assert len(live.snapshot.reconfigurations) == 100
+        assert watched.places() == places
 
 
 @pytest.mark.soak
