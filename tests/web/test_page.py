@@ -1,6 +1,7 @@
 """The page in Debian's Chromium, on a recorded flight of big_blue."""
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -117,12 +118,11 @@ def test_a_recorded_flight_in_the_browser(chromium):
         assert "STALE" in (watched.page.text_content("#stale") or "")
 
 
+@dataclass(frozen=True)
 class Noted(Orders):
     """Orders that are only noted."""
 
-    def __init__(self, given):
-        super().__init__(Path("none.sock"))
-        object.__setattr__(self, "given", given)
+    given: list = field(default_factory=list)
 
     async def give(self, order):
         self.given.append(order)
@@ -138,7 +138,7 @@ def watched_now(events=None):
 @pytest.mark.soak
 def test_an_order_is_given_only_after_what_it_costs_is_named(chromium):
     given = []
-    with Server(watched_now(), operates=True, orders=Noted(given)) as server:
+    with Server(watched_now(), operates=True, orders=Noted(Path("none.sock"), None, given)) as server:
         watched = Watched(chromium)
         watched.open(server.access.url(with_token=True))
         assert server.access.token not in watched.page.url

@@ -91,7 +91,8 @@ def _spec_file(arguments: argparse.Namespace) -> Path:
         return spec_path(arguments.spec)
     if arguments.log.suffix == ".scenario":
         return read_script(arguments.log).spec_file
-    return arguments.log / str(head_of(arguments.log)["spec_file"])
+    folder = Path(arguments.log)
+    return folder / str(head_of(folder)["spec_file"])
 
 
 def _end_with_input() -> None:
