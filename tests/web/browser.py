@@ -101,7 +101,7 @@ class Watched:
         self.page.wait_for_selector("#functions [data-function]")
 
     def panel(self, name: str) -> None:
-        self.page.click(f'#tabs a[href="#{name}"]')
+        self.page.click(f'#tabs a[href="#/{name}"]')
         self.page.wait_for_selector(f"#panel-{name}:not([hidden])")
 
     def until(self, script: str, longest_s: float = 10.0) -> None:

@@ -80,7 +80,10 @@ def step(watched):
 
 def take_picture(watched):
     """The picture of README and docs/web.md."""
+    watched.page.select_option("#graph-function", "guidance")
+    watched.page.wait_for_selector('#graph svg[aria-label*="guidance"]')
     watched.page.evaluate("scrollTo(0, 0)")
+    watched.page.wait_for_timeout(200)
     PICTURES.mkdir(parents=True, exist_ok=True)
     watched.page.screenshot(path=PICTURES / "web.png")
 
@@ -107,6 +110,7 @@ def test_a_recorded_flight_in_the_browser(chromium):
             assert (shown["epoch"], shown["events"]) == (exact.epoch, exact.events)
         watched.panel("graph")
         assert watched.places() == places
+        step(watched)
         take_picture(watched)
         for panel in PANELS[:4]:
             watched.panel(panel)

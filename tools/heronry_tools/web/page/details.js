@@ -50,7 +50,7 @@ export function show() {
       h("button", { type: "button", class: "quiet", "aria-label": "Close", on: { click: close } }, "✕")),
     h("dl", {}, Object.entries(rows.facts).filter(([, value]) => value !== null && value !== undefined && value !== "")
       .map(([name, value]) => [h("dt", {}, name), h("dd", {}, String(value))])),
-    h("div", { class: "group" }, rows.function ? h("a", { class: "button", href: `#graph/${rows.function}` }, "Show in the graph") : null,
+    h("div", { class: "group" }, rows.function ? h("a", { class: "button", href: `#/graph/${rows.function}` }, "Show in the graph") : null,
       rows.function ? h("button", { type: "button", on: { click: (event) => explain(rows.function, event.target) } }, "Why, and what would repair it") : null,
       (rows.elements ?? []).map((element) => ["fail", "clear", "kill", "restore"].map((order) => operate.button(order, element)))),
     why || h("div", { class: "explained", "aria-live": "polite" }));

@@ -9,7 +9,7 @@ const STATES = ["served", "degraded", "lost", "idle", "dead"];
 const WORST_FIRST = { lost: 4, served: 3, degraded: 3, idle: 1, dead: 0 };
 const drawings = new Map(); // function or "" -> parts
 let shown = "";
-let zoom = null; // null: as wide as there is room
+let zoom = null; // null: as wide as there is room, but legible; "fit": as wide as there is room
 let redraw = () => {};
 
 export function begin(show) {
@@ -19,7 +19,7 @@ export function begin(show) {
   select.addEventListener("change", () => choose(select.value));
   byId("graph-larger").addEventListener("click", () => size(1.25));
   byId("graph-smaller").addEventListener("click", () => size(0.8));
-  byId("graph-fit").addEventListener("click", () => size(null));
+  byId("graph-fit").addEventListener("click", () => size("fit"));
   const state = byId("table-state");
   state.append(h("option", { value: "" }, "every"), ...STATES.map((one) => h("option", { value: one }, WORDS[one])));
   state.addEventListener("change", show);
@@ -62,23 +62,23 @@ async function choose(name) {
   redraw();
 }
 
-// #graph/FUNCTION shows what contributes to it.
+// #/graph/FUNCTION shows what contributes to it.
 export function opened(name) {
   if (name && name in store.facts.functions && name !== shown) choose(name);
 }
 
 function size(factor) {
   const parts = drawings.get(shown);
-  const now = zoom ?? parts.svg.getBoundingClientRect().width / parts.width;
-  zoom = factor === null ? null : Math.min(4, Math.max(0.15, now * factor));
+  const now = parts.svg.getBoundingClientRect().width / parts.width;
+  zoom = factor === "fit" ? factor : Math.min(4, Math.max(0.15, now * factor));
   fit(parts);
 }
 
 function fit(parts) {
   if (!parts) return;
   const room = byId("graph").clientWidth;
-  const own = Math.min(1.15, Math.max(room / parts.width, 0.42));
-  const scale = zoom ?? own;
+  const whole = Math.min(1.15, room / parts.width);
+  const scale = zoom === "fit" ? whole : (zoom ?? Math.max(whole, 0.7));
   parts.svg.style.width = `${Math.round(parts.width * scale)}px`;
   parts.svg.style.height = "auto";
 }

@@ -102,14 +102,14 @@ export function connect(query = "") {
 }
 
 function route() {
-  const [name, rest] = location.hash.slice(1).split("/");
+  const [name, rest] = location.hash.replace(/^#\//, "").split("/");
   panel = name in PANELS ? name : "graph";
   for (const [one, of] of Object.entries(PANELS)) {
     byId(`panel-${one}`).hidden = one !== panel;
     if (one === panel) of.opened?.(rest);
   }
   for (const link of byId("tabs").querySelectorAll("a")) {
-    if (link.hash === `#${panel}`) link.setAttribute("aria-current", "page");
+    if (link.hash === `#/${panel}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   show();

@@ -55,6 +55,7 @@ export function show() {
   if (!store.recording) return;
   const bar = byId("replay");
   bar.hidden = false;
+  document.body.classList.add("is-replay");
   parts ??= build(bar);
   const { first_ns, last_ns } = store.recording;
   const now = store.at_ns ?? first_ns;

@@ -39,7 +39,7 @@ export function show() {
 }
 
 function entry(row) {
-  return h("li", {}, h("a", { href: `#timeline/${row.name}`, "aria-current": row.current ? "true" : null },
+  return h("li", {}, h("a", { href: `#/timeline/${row.name}`, "aria-current": row.current ? "true" : null },
     h("span", { class: "line" }, h("span", {}, `Epoch ${row.epoch}`), h("span", {}, milliseconds(row.total))),
     strip(row.times, row.total),
     h("small", {}, `${row.when} · ${row.sentence}${row.more > 0 ? ` and ${row.more} more` : ""}${row.lost ? ` · ${row.lost} no longer served` : ""}`)));
@@ -58,7 +58,7 @@ function story(one, began, isAnother) {
     isAnother ? h("p", { class: "why" }, `Epoch ${chosen} is not in what is shown; this is the last one.`) : null,
     h("h2", {}, `Reconfiguration ${one.number}: epoch ${one.epoch}`),
     h("p", { class: "sentence" }, sentence(one)),
-    h("p", { class: "muted" }, `done at ${clock(one.done_ns, began)} · `, h("a", { href: `#timeline/${nameOf(one)}` }, "link to this one")),
+    h("p", { class: "muted" }, `done at ${clock(one.done_ns, began)} · `, h("a", { href: `#/timeline/${nameOf(one)}` }, "link to this one")),
     h("h3", {}, `How long: ${milliseconds(total(one))}`),
     lanes(one),
     h("h3", {}, "Functions"),
