@@ -83,7 +83,7 @@ def test_a_flight_is_followed_listened_to_recorded_and_scraped(flight: list[dict
     subprocess.run([*HERONRY, "record", "-o", str(folder), "--for", "3"], check=True, timeout=PATIENCE_S)
     recorded = open_recording(folder, None)
     view = recorded.timeline().last()
-    assert (view.source, view.manager.node) == ("manager", 126)
+    assert (view.source, view.manager.node) == ("record", 126)
     assert len(recorded.frames) > 100
     assert view.epoch >= epoch
 

@@ -65,6 +65,7 @@ class Rule:
 
 RULES = [
     Rule(r"make (test|lint)", How.EXEMPT, "they run this very test, and have run the linters already"),
+    Rule(r"make demo ARGS=--web", How.EXEMPT, "it goes on until Ctrl-C; tests/live/test_demo_page.py flies it"),
     Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
@@ -130,6 +131,7 @@ RULES = [
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
+    Rule(r"python -m lab\.scripts_in_flight\b.*", How.RUN, more="--runs 1 --seconds 1"),
     Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on

@@ -51,9 +51,7 @@ class Follow:
 
 
 Question = AskStatus | AskTraceback
-Spoken = (
-    EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question | Follow
-)
+Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
 """The orders on the line: as the core's, with the text of a script in the place of its target."""
 
 _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe | FlyScript | AskTraceback]] = {
@@ -79,7 +77,7 @@ class Answer:
     is_unusable: bool = False  # the order names what the spec does not have
 
 
-def order_line(order: Spoken) -> bytes:
+def order_line(order: Spoken | Follow) -> bytes:
     """Encode a request."""
     match order:
         case AskStatus() | ReleaseTarget() | Follow():
@@ -100,7 +98,7 @@ def order_line(order: Spoken) -> bytes:
             return _line({"v": VERSION, "do": "script", "what": text})
 
 
-def read_order(line: bytes) -> Spoken | str:
+def read_order(line: bytes) -> Spoken | Follow | str:
     """Decode a request; gives a sentence on what is wrong if it is not one."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:

@@ -100,11 +100,15 @@ class FollowedManager:
         self._line = follow(path)
         self._line.settimeout(_FIRST_LINE_S)
         self._rest = b""
-        first = self._first()
+        try:
+            first = self._first()
+            self.spec = _spec_of(first)
+        except BaseException:
+            self._line.close()
+            raise
         self._line.setblocking(False)
         self._events: list[Event] = [first]
         self.spec_file: Path | None = Path(first["file"])
-        self.spec = _spec_of(first)
         self._try_again_ns = 0
         self._buses = self._opened(first["bus"]) if hears_bus else None
 
@@ -138,13 +142,11 @@ class FollowedManager:
             except OSError:
                 chunk = b""
             if not chunk:
-                self._line.close()
                 raise ControlError(f"the manager on {self._path} gives no status: restart it with this version")
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")
         first: dict[str, Any] = json.loads(line)
         if first.get("event") != "status":
-            self._line.close()
             raise ControlError(f"the manager on {self._path} cannot be followed: {first.get('sentence', first)}")
         return first
 

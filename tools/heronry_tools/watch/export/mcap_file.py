@@ -37,7 +37,7 @@ def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ..
     from mcap.writer import Writer  # noqa: PLC0415 - an extra
 
     with file.open("wb") as stream:
-        writer = Writer(stream)
+        writer: Any = Writer(stream)  # in part without types
         writer.start(profile="", library=f"heronry {program_version()}")
         spec = recording.spec
         writer.add_metadata("heronry", {"spec": spec.name, "spec_digest": spec.digest, "source": recording.source})
@@ -48,7 +48,7 @@ def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ..
         channel = writer.register_channel("/reconfigurations", "json", schema)
         for one in reconfigurations:
             _add(writer, channel, one.done_ns, asdict(one))
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def _write_signal(writer: Any, series: Series) -> None:

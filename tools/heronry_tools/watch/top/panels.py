@@ -26,6 +26,7 @@ _SEVERITY = {
 }
 _MANAGER = {"reigning": "active", None: "not heard"}  # states whose value is an older word
 _NS_PER_S = 1_000_000_000
+_LOST_IN_HEAD = 2
 LEGEND = (
     "PEs        U up   ? suspect   R returning   X down   w never heard",
     "functions  S served   d degraded   L lost   - not wanted   ~ served, but not heard on the bus",
@@ -58,6 +59,8 @@ def head(view: Snapshot) -> list[Text]:
     line.append(f"manager {manager.node or '-'} {state}  ")
     line.append(view.stage.upper(), "bold green" if view.stage == "running" else "bold yellow")
     lines = [line]
+    lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
+    lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
     notes = [] if view.knows_why else ["the bus alone: no causes are known"]
     notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
     notes += [f"the loop through {name} is open" for name, plant in view.plants.items() if plant.state != "on_path"]
@@ -212,8 +215,12 @@ def details(view: Snapshot, look: Look) -> Iterator[str]:
     pe = view.pes.get(look.selected)
     if pe is not None:
         yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")
-        yield f"  boot {pe.incarnation}, {pe.reboots} reboots seen, {pe.restarts} restarts of modules"
-        yield f"  it reports epoch {pe.epoch} ({pe.runs}), hears a manager: {pe.hears_manager}, CPU {pe.load_percent} %"
+        boot = "" if pe.incarnation is None else f"boot number {pe.incarnation}, "
+        yield f"  {boot}{pe.reboots} reboots seen, {pe.restarts} restarts of modules"
+        runs = "no epoch" if pe.epoch is None else f"epoch {pe.epoch} ({pe.runs})"
+        hears = {True: "hears a manager", False: "hears no manager", None: "was not heard here"}[pe.hears_manager]
+        load = "" if pe.load_percent is None else f", CPU load {pe.load_percent} %"
+        yield f"  it reports {runs}, {hears}{load}"
         yield f"  standstills of its computer: {pe.stood_still}"
         for name in pe.modules:
             module = view.modules[name]
