@@ -81,7 +81,7 @@ clean:
 
 # Stamps: .venv was installed from this pyproject.toml. What testing needs includes what running needs.
 .venv/ready-to-run: pyproject.toml
-	@tools/prepare-venv manager,watch
+	@tools/prepare-venv manager,watch,web
 	@touch $@
 
 .venv/ready-to-test: pyproject.toml

@@ -145,7 +145,7 @@ def test_frames_that_prove_nothing_make_a_pe_in_a_session_ask_for_none(keyed: Ke
             forged = keyed.tell(Lease(9, 3, Step.GO_ALL, 7), manager=manager)
             forged += keyed.pe.hear(*manager.welcome(NODE, 7), Frame(management_id(node, Command.TAG), bytes(8)))
             assert not said(forged + keyed.pe.pass_time(BEAT_NS), StatePage2)
-    keyed.pe.pass_time(6 * BEAT_NS)  # its manager has fallen silent: it asks whoever speaks
+    keyed.pe.pass_time(6 * BEAT_NS)  # its manager has fallen silent: it asks each sender
     assert said(keyed.tell(Lease(9, 3, Step.GO_ALL, 7), manager=PlayedManager(127, 9, FOREIGN)), StatePage2)
 
 

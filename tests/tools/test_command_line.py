@@ -21,7 +21,7 @@ from heronry_wire.command_parser import CommandParser
 
 TEACHING = [name for name in COMMANDS if name != HELP]
 ORDERS = ("phase", "priority", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
-STREAMS = ("demo", "manager", "top")  # they print until they are ended; a shell's > keeps that
+STREAMS = ("demo", "manager", "top", "web")  # they print until they are ended; a shell's > keeps that
 FORMATS = (
     "render",
     "schema",
@@ -274,6 +274,7 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "top": ["top", "--json", "--of", "nosuch"],
     "record": ["record", "-o", "flight", "--of", "nosuch"],
     "metrics": ["metrics", "--of", "nosuch"],
+    "web": ["web", "--of", "nosuch"],
     "fail": ["fail", "--of", "nosuch", "pe:nav"],
     "traceback": ["traceback", "--of", "nosuch", "module:autopilot"],
     "clear": ["clear", "--of", "nosuch", "pe:nav"],

@@ -72,6 +72,7 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),
     ),
     "watch": (
+        Command("web", "a page for a browser: graph, reconfigurations, what if"),
         Command("top", "watch it: live, on a bus, or recorded"),
         Command("record", "keep a flight: frames, events, spec, in rotating files"),
         Command("log", "a recorded flight for other tools: MCAP, MDF 4"),

@@ -59,7 +59,7 @@ class Knowledge:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this manager, or of the one that was followed; None: it is not known."""
+        """Give the digest of an epoch of this manager, or of a manager that it followed; None: it is not known."""
         known = self.deployment.digest_of(epoch)
         return self.following.digest_of(epoch) if known is None else known
 

@@ -128,7 +128,7 @@ def answer_line(answer: Answer) -> bytes:
 def read_answer(line: bytes) -> Answer | None:
     """Decode a reply; None if the line is not one.
 
-    Characters that would control a terminal are escaped: whoever answers, an answer is data.
+    Characters that would control a terminal are escaped: an answer is data, from any process.
     """
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:

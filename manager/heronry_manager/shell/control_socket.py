@@ -79,10 +79,10 @@ class ControlSocket:
         for one in ready:
             if one is self._listener:
                 self._let_in()
-            elif one in self._callers:  # it may have made room for another one just now
+            elif one in self._callers:
                 said += self._hear(one)
             else:
-                self.followers.heard(one)
+                self.followers.heard(one)  # nothing, if it is a caller that has made room for another one just now
         return said
 
     def answer(self, reply: Reply) -> None:

@@ -66,7 +66,7 @@ class Followers:
         return [one for one, follower in self._of.items() if follower.waiting]
 
     def heard(self, caller: socket.socket) -> None:
-        """Drop a reader that has hung up; what else it says is not read. A socket that does not follow is ignored."""
+        """Drop a reader that has hung up, and ignore what it says; a caller that does not follow stays as it is."""
         if caller not in self._of:
             return
         with contextlib.suppress(BlockingIOError):

@@ -11,6 +11,7 @@ from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
     **dict.fromkeys(("canopen", "numpy", "ortools", "pydantic", "yaml"), "manager"),
+    **dict.fromkeys(("starlette", "uvicorn"), "web"),
     **dict.fromkeys(("cantools", "rich", "textual"), "watch"),
     **dict.fromkeys(("asammdf", "mcap", "prometheus_client"), "export"),
     "distributed": "cluster",

@@ -8,7 +8,6 @@ equal bits: `Landing.digest` covers every frame, and the state at the end.
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any, cast
 
 from heronry_agent.module import Value
 from heronry_dg.model import Spec
@@ -18,8 +17,9 @@ from heronry_tools.fly.avionics.flight_management import Stage
 from heronry_tools.fly.bus_loads import BusLoads
 from heronry_tools.fly.dynamics.eav import FIRST_SURFACE_DEG
 from heronry_tools.fly.dynamics.on_final import eav_on_final
+from heronry_tools.fly.happenings import Happenings
 from heronry_tools.fly.latency import LatencyProbe
-from heronry_tools.fly.mission import Blow, Landing, Mission
+from heronry_tools.fly.mission import Landing, Mission
 from heronry_tools.fly.observation import LABELS, Observer
 from heronry_tools.fly.plant import NS_PER_S, FlightPlant
 from heronry_tools.fly.record import FlightRecord, Recorder
@@ -87,12 +87,9 @@ class EavFlight:
         self.simulation = Simulation(spec, mission.seed, plant=self._released, absent=absent)
         self._observer = Observer(self.simulation, plant)
         self._loads = BusLoads(self.simulation)
-        self._due = list(mission.blows)
-        self._places: dict[str, str] = {}  # by module: where the newest plan lets it run
-        self._seen_events = 0
+        self._happenings = Happenings(spec, self.simulation, self._recorder, mission.blows)
+        self._begin_ns = 0  # when the aircraft was released, on the simulator's clock
         self._went_around_ns: int | None = None
-        self._reconfigured_s: list[float] = []
-        self._struck_s: float | None = None  # the first blow
         self._errors_m: list[float] = []
 
     def fly(self) -> tuple[Landing, FlightRecord]:
@@ -100,8 +97,11 @@ class EavFlight:
         simulation = self.simulation
         while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
             simulation.run_for(_LOOK_NS)
-        self._released.release(simulation.now_ns)
+        self._begin_ns = simulation.now_ns
+        self._released.release(self._begin_ns)
         Injections(simulation, self._mission.acts, simulation.now_ns)
+        if self._mission.corrections_lost_s is not None:
+            self._recorder.mark(self._mission.corrections_lost_s, "note", "the receiver's corrections are lost")
         if self._mission.must_land:
             simulation.operator.say(EnterPhase("must_land"))
         while not self._is_over():
@@ -136,57 +136,18 @@ class EavFlight:
         height = known.get("estimate_height_m")
         if height is not None and truth.height_m < 10.0 and self._recorder.touchdown is None:
             self._errors_m.append(abs(height - truth.height_m))
-        self._strike(truth.height_m)
+        self._happenings.inject_due(truth.time_s, truth.height_m)
         lost_s = self._mission.corrections_lost_s
         if lost_s is not None and self._flown_ns >= lost_s * NS_PER_S and self._recorder.touchdown is None:
             self.simulation.truth.failed("device:differential_receiver")
-        self._note_events()
+        self._happenings.note(self._begin_ns)
 
     def _surfaces(self) -> dict[str, float | None]:
         return {f"{name}_deg": self._plant.servos.surfaces[name].position for name in FIRST_SURFACE_DEG}
 
-    def _strike(self, height_m: float) -> None:
-        for blow in list(self._due):
-            by_time = blow.at_s is not None and self._flown_ns >= blow.at_s * NS_PER_S
-            if by_time or (blow.below_m is not None and height_m < blow.below_m):
-                self._due.remove(blow)
-                self._struck_s = self._struck_s or self._flown_ns / NS_PER_S
-                self._recorder.mark(self._flown_ns / NS_PER_S, "fault", f"{blow.element} fails")
-                self._inject(blow)
-
-    def _inject(self, blow: Blow) -> None:
-        simulation = self.simulation
-        kind, _, name = blow.element.partition(":")
-        if kind == "pe":
-            simulation.fleet.kill(name)
-        elif kind == "bus":
-            for wire in simulation.wiring.wires[name]:
-                wire.break_wire()
-            simulation.truth.failed(blow.element)
-        else:
-            simulation.fail_device(name, cast("Failure", blow.how))
-
-    def _note_events(self) -> None:
-        events = self.simulation.events
-        for event in events[self._seen_events :]:
-            self._note(event)
-        self._seen_events = len(events)
-
-    def _note(self, event: dict[str, Any]) -> None:
-        time_s = max(self._released.flown_ns(event["t_ns"]), 0) / NS_PER_S
-        if event["event"] == "plan_ready":
-            self._places = _places(event["plan"])
-        elif event["event"] == "reconfigured":
-            self._reconfigured_s.append(time_s)
-            why = "; ".join(event["causes"]) if time_s > 0.0 else "start"
-            self._recorder.mark(time_s, "reconfigured", f"configuration {event['epoch']} runs ({why})")
-            for module in self._spec.modules:
-                self._recorder.state(time_s, "place", module, self._places.get(module))
-
     def _landing(self) -> Landing:
         simulation, observer = self.simulation, self._observer
         state = f"{simulation.digest()} {self._released.plant.truth()!r}"
-        after = [t for t in self._reconfigured_s if self._struck_s is not None and t >= self._struck_s]
         return Landing(
             self._mission,
             self._recorder.touchdown,
@@ -194,7 +155,7 @@ class EavFlight:
             observer.mode(),
             hashlib.sha256(state.encode()).hexdigest()[:16],
             self._flown_ns / NS_PER_S,
-            after[0] - self._struck_s if after and self._struck_s is not None else None,
+            self._happenings.reconfigured_after_s,
             max(self._errors_m, default=None),
             tuple(total / observer.samples for total in observer.squares) if observer.samples else (),
             tuple(map(str, simulation.broken())) if self._mission.judged else (),
@@ -205,11 +166,6 @@ class EavFlight:
 def fly_landing(spec: Spec, mission: Mission) -> Landing:
     """Fly a mission, and give what came of it, without the record."""
     return EavFlight(spec, mission).fly()[0]
-
-
-def _places(plan: dict[str, Any]) -> dict[str, str]:
-    """Give PE and mode of each module that runs in a plan."""
-    return {name: f"{one['pe']} ({one['mode']})" for name, one in plan["modules"].items()}
 
 
 def _title(mission: Mission) -> str:

@@ -15,6 +15,7 @@ Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 
 _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
+    "page": ("watch it in a browser: {address}", "title"),
     "orders": ("beside this demo, in another terminal: heronry status {flags}", "quiet"),
     "planned_ahead": ("{sentence}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),

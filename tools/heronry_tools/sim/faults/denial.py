@@ -5,7 +5,7 @@
     forged_beat     page 0 as a PE sends it, with a wrong tag: the manager might doubt the PE
     forged_nonce    page 2 with a made-up nonce: the manager might answer that one, and not the PE's
     forged_epoch    page 0 of a PE on a newer epoch: its neighbours might hold their outputs back
-    forged_reign    LEASE, ALIVE and ACTIVATE of either manager under a high term
+    forged_mastership    LEASE, ALIVE and ACTIVATE of either manager under a high term
     forged_restart  page 0 of a PE that seems to have started anew
     forged_refusal  page 1 of a PE that refuses what it runs
     forged_report   EMCYs of every PE about any element
@@ -60,7 +60,7 @@ DENIALS: Mapping[str, str] = {
     "forged_beat": "states",
     "forged_nonce": "requests for a session",
     "forged_epoch": "states of a newer epoch",
-    "forged_reign": "LEASE, ALIVE and ACTIVATE",
+    "forged_mastership": "LEASE, ALIVE and ACTIVATE",
     "forged_restart": "states of PEs that seem to have started anew",
     "forged_refusal": "refusals of PEs",
     "forged_report": "reports of faults",
@@ -95,7 +95,7 @@ class Denier:
             "forged_beat": self._beat,
             "forged_nonce": self._nonce,
             "forged_epoch": self._epoch,
-            "forged_reign": self._reign,
+            "forged_mastership": self._mastership,
             "forged_restart": self._restart,
             "forged_refusal": self._refusal,
             "forged_report": self._report,
@@ -200,7 +200,7 @@ class Denier:
         said = Emergency(FaultCode.REPORTED, 0x81, kind, draw(8), draw(1 << 8))
         return [Frame(emcy_id(self._node()), said.encode())]
 
-    def _reign(self) -> list[Frame]:
+    def _mastership(self) -> list[Frame]:
         draw, term = self._random.randrange, self._random.choice((2, 3, MAX_TERM))
         epoch = 1 + draw(0xFFFF)
         said: list[tuple[Command, ManagementMessage]] = [

@@ -248,6 +248,14 @@ KINDS: Mapping[str, Kind] = {
     "order_fail": Kind(
         "element", (200, 4000), "the operator declares an element failed, and clears it", for_good=0.2, is_order=True
     ),
+    "order_storm": Kind(
+        "element",
+        (1500, 4000),
+        "the operator fails and clears an element again and again (level: every so many ms)",
+        levels=(2, 12),
+        drawn=False,
+        is_order=True,
+    ),
     "order_clear": Kind("latched", (0, 0), "the operator clears all that is latched or in quarantine", is_order=True),
     "order_phase": Kind("phase", (0, 0), "the operator requests another mission phase", is_order=True),
 }
@@ -261,6 +269,7 @@ LEVELS: Mapping[str, tuple[int, int]] = {
     **dict.fromkeys(("loss", "omission", "doubled"), (1, 1000)),
     "collapse": (2, 100),
     "babble": (0, STANDARD_MASK),
+    "order_storm": (1, 1000),
     **dict.fromkeys(DENIALS, (1, 50)),
 }
 """Lowest and highest level, for the kinds that have levels."""

@@ -1,0 +1,83 @@
+"""What happens in a simulated flight besides the flying: faults that are due, and what the manager tells.
+
+Both go into the record: a fault and a reconfiguration as marks, phases and the places of modules as stretches.
+"""
+
+from typing import Any, cast
+
+from heronry_dg.model import Spec
+from heronry_tools.aircraft.plant.interface import Failure
+from heronry_tools.fly.mission import Blow
+from heronry_tools.fly.plant import NS_PER_S
+from heronry_tools.fly.record import Recorder
+from heronry_tools.sim.flight.simulation import Simulation
+
+
+class Happenings:
+    """Looks at one flight, step by step.
+
+    places: PE and mode of each module in the newest plan. phases: those that the manager has entered, with the time.
+    reconfigured_s: when each configuration was active. struck_s: when the first fault happened; None before.
+    """
+
+    def __init__(self, spec: Spec, simulation: Simulation, recorder: Recorder, blows: tuple[Blow, ...]) -> None:
+        self._spec, self._simulation, self._recorder = spec, simulation, recorder
+        self._due = list(blows)
+        self._seen_events = 0
+        self.places: dict[str, str] = {}
+        self.phases: list[tuple[str, float]] = []
+        self.reconfigured_s: list[float] = []
+        self.struck_s: float | None = None
+
+    @property
+    def reconfigured_after_s(self) -> float | None:
+        """Time from the first fault to the next active configuration; None without one of the two."""
+        struck_s = self.struck_s
+        if struck_s is None:
+            return None
+        return next((time_s - struck_s for time_s in self.reconfigured_s if time_s >= struck_s), None)
+
+    def inject_due(self, time_s: float, height_m: float) -> None:
+        """Let the faults happen that are due at this time of the flight, or at this height."""
+        for blow in list(self._due):
+            by_time = blow.at_s is not None and time_s >= blow.at_s
+            if by_time or (blow.below_m is not None and height_m < blow.below_m):
+                self._due.remove(blow)
+                self.struck_s = time_s if self.struck_s is None else self.struck_s
+                self._recorder.mark(time_s, "fault", f"{blow.element} fails ({blow.how})")
+                self._inject(blow)
+
+    def note(self, begin_ns: int) -> None:
+        """Note the manager's events since the last call; the flight has begun at `begin_ns` of the simulator."""
+        events = self._simulation.events
+        for event in events[self._seen_events :]:
+            self._note(event, max(event["t_ns"] - begin_ns, 0) / NS_PER_S)
+        self._seen_events = len(events)
+
+    def _inject(self, blow: Blow) -> None:
+        simulation = self._simulation
+        kind, _, name = blow.element.partition(":")
+        if kind == "pe":
+            simulation.fleet.kill(name)
+        elif kind == "bus":
+            for wire in simulation.wiring.wires[name]:
+                wire.break_wire()
+            simulation.truth.failed(blow.element)
+        else:
+            simulation.fail_device(name, cast("Failure", blow.how))
+
+    def _note(self, event: dict[str, Any], time_s: float) -> None:
+        match event["event"]:
+            case "plan_ready":
+                self.places = {name: f"{one['pe']} ({one['mode']})" for name, one in event["plan"]["modules"].items()}
+            case "phase_changed":
+                self.phases.append((event["phase"], time_s))
+                self._recorder.state(time_s, "phase", "phase", event["phase"])
+            case "reconfigured":
+                self.reconfigured_s.append(time_s)
+                why = "; ".join(event["causes"]) if time_s > 0.0 else "start"
+                self._recorder.mark(time_s, "reconfigured", f"configuration {event['epoch']} runs ({why})")
+                for module in self._spec.modules:
+                    self._recorder.state(time_s, "place", module, self.places.get(module))
+            case _:
+                pass
