@@ -26,8 +26,6 @@ READERS = {
     "heronry_tools/watch/export/mf4_file.py": "the date in the head of a measurement file",
     "heronry_tools/watch/recorder.py": "the dates of recorded frames, as candump writes them",
     "heronry_tools/sim/compiled/machine_code.py": "the age of files that are kept between runs",
-    "heronry_tools/watch/export/mf4_file.py": "the date of a recording, from the dates of its frames",
-    "heronry_tools/watch/recorder.py": "dates of the record",
 }
 
 _OF_TIME = frozenset(("time", "time_ns", "ctime", "localtime", "gmtime", "strftime", "CLOCK_REALTIME"))
