@@ -18,7 +18,7 @@ used. Apart from logs, no other file that runs in flight reads the clock of the 
 import time
 from typing import Any
 
-import can
+from heronry_wire.bare_can import can
 
 _NS_PER_S = 1_000_000_000
 

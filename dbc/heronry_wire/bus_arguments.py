@@ -13,9 +13,7 @@ import argparse
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-import can
-import can.cli
-
+from heronry_wire.bare_can import can
 from heronry_wire.errors import HeronryError
 
 _FLAGS = ("channel", "interface", "bitrate", "timing")

@@ -8,9 +8,8 @@ import socket
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import can
-
 from heronry_wire import socketcand
+from heronry_wire.bare_can import can
 from heronry_wire.can_interface import obstacle
 from heronry_wire.errors import HeronryError
 from heronry_wire.python_can import sentence_of

@@ -41,9 +41,8 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-import can
-
 from heronry_wire.arrival_times import ArrivalTimes
+from heronry_wire.bare_can import can
 from heronry_wire.bus_health import BusHealth
 from heronry_wire.bus_opening import LinkError, Opened, bus_name, look_at_interface, open_bus
 from heronry_wire.controller import ControllerState, read_error_frame

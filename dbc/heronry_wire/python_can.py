@@ -8,8 +8,7 @@ import errno
 import socket
 import struct
 
-import can
-
+from heronry_wire.bare_can import can
 from heronry_wire.frame import Frame
 
 _SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): the last of nine counters is frames dropped for want of room

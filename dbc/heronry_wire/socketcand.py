@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-import can
+from heronry_wire.bare_can import can
 
 INTERFACE = "socketcand"  # its name in python-can
 SERVER_S = 2.0  # limit for an answer of the server

@@ -66,11 +66,10 @@ def test_a_gateway_needs_every_bus_by_name(capsys: pytest.CaptureFixture[str], t
 
 
 def test_a_device_driver_that_is_not_there_is_told_before_the_bus_is_touched(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, table: str
+    capsys: pytest.CaptureFixture[str], table: str
 ) -> None:
-    monkeypatch.setattr("heronry_agent.shell.devices.PLANT", "absent")
-    code, line = complaint(capsys, "--table", table, "-i", "softbus", "-c", "/no/such.sock")
-    assert (code, line) == (2, "pe-agent: no device driver is named 'absent'; installed are: plant")
+    code, line = complaint(capsys, "--table", table, "--devices", "absent", "-i", "softbus", "-c", "/no/such.sock")
+    assert (code, line) == (2, "pe-agent: no device driver is named 'absent'; installed are: flight, plant")
 
 
 @pytest.mark.parametrize(

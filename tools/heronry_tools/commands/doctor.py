@@ -16,10 +16,9 @@ from heronry_tools.console.output import add_output
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
 
 if TYPE_CHECKING:
-    import can
-
     from heronry_tools.runtime.doctor.finding import Finding
     from heronry_tools.runtime.doctor.listening import Expected, Hearing
+    from heronry_wire.bare_can import can
     from heronry_wire.bus_opening import Opened
 
 _ANSWER_WITHIN_S = 1.0

@@ -9,11 +9,10 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any, Self
 
-import can
-
 from heronry_dg.model import Bus
 from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_wire.arrival_times import ArrivalTimes
+from heronry_wire.bare_can import can
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.link import Arrival
 from heronry_wire.python_can import frame_of

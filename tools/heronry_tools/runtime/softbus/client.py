@@ -23,9 +23,6 @@ import socket
 import struct
 from contextlib import ExitStack, suppress
 
-import can
-from can.typechecking import AutoDetectedConfig, CanFilters
-
 from heronry_tools.runtime.softbus.link import Link, deadline_after, read_record
 from heronry_tools.runtime.softbus.place import DEFAULT_NAME, BusNameError, how_to_start, path_to_call
 from heronry_tools.runtime.softbus.protocol import (
@@ -36,6 +33,7 @@ from heronry_tools.runtime.softbus.protocol import (
     decode_statistics,
 )
 from heronry_wire.arrival_times import StampedMessage
+from heronry_wire.bare_can import can
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
 from heronry_wire.runtime_folder import RuntimeFolderError
 
@@ -52,7 +50,7 @@ class SoftBus(can.BusABC):
     def __init__(
         self,
         channel: str | None = None,
-        can_filters: CanFilters | None = None,
+        can_filters: can.typechecking.CanFilters | None = None,
         bitrate: int | None = None,
         receive_own_messages: bool = False,
         fd: bool = False,
@@ -87,7 +85,7 @@ class SoftBus(can.BusABC):
         record = read_record(self._receive, RECORD_BYTES, self._path, deadline_after(timeout))
         return None if record is None else self._from_bus(record), True
 
-    def _apply_filters(self, filters: CanFilters | None) -> None:
+    def _apply_filters(self, filters: can.typechecking.CanFilters | None) -> None:
         content = None if filters is None else [[f["can_id"], f["can_mask"], f.get("extended")] for f in filters]
         self._link.ask({"do": "filters", "filters": content})
 
@@ -137,7 +135,7 @@ class SoftBus(can.BusABC):
         )
 
     @staticmethod
-    def _detect_available_configs() -> list[AutoDetectedConfig]:
+    def _detect_available_configs() -> list[can.typechecking.AutoDetectedConfig]:
         """Return nothing: a bus can be at any path, so it cannot be detected."""
         return []
 

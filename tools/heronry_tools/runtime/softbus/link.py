@@ -6,8 +6,8 @@ been read, which happens when a caller sends, gives a command, or waits for the 
 Threads may share a link: a lock allows one send or command at a time, and the time spent waiting for the lock counts
 towards the caller's time-out. With the time-out None a call waits for ever, with 0 not at all.
 
-If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError with a sentence. If the hub
-is stopped, offers time out, and commands time out after some seconds.
+If the hub is gone (the socket ends) or refuses this client, a call raises CanOperationError of python-can with a
+sentence. If the hub is stopped, offers time out, and commands time out after some seconds.
 """
 
 import errno
@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from can import CanOperationError
-
 from heronry_tools.runtime.softbus.place import how_to_start
 from heronry_tools.runtime.softbus.protocol import (
     DONE,
@@ -30,6 +28,7 @@ from heronry_tools.runtime.softbus.protocol import (
     encode_command,
     encode_frame,
 )
+from heronry_wire.bare_can import can
 from heronry_wire.frame import Frame, Malformed
 
 _ANSWER_TIMEOUT_S = 5.0
@@ -49,11 +48,11 @@ class Link:
         self._answer: dict[str, Any] = {}
 
     def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
-        """Put a frame into the mailbox as soon as it is empty; CanOperationError when it stays full."""
+        """Put a frame into the mailbox as soon as it is empty; can.CanOperationError when it stays full."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
-                raise CanOperationError(f"{self._path}: the last frame is still waiting for the bus", errno.ENOBUFS)
+                raise can.CanOperationError(f"{self._path}: the last frame is still waiting for the bus", errno.ENOBUFS)
             self._send(encode_frame(BusFrame(frame, dlc, time.monotonic_ns())))
             self._mailbox_full = True
 
@@ -64,14 +63,14 @@ class Link:
             return self._wait_for_mailbox(deadline_s)
 
     def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
-        """Send a command, with sockets to pass on, and return its answer; CanOperationError if no answer comes."""
+        """Send a command, with sockets to pass on, and return its answer; can.CanOperationError if no answer comes."""
         deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
         with self._locked(_ANSWER_TIMEOUT_S):
             self._send(encode_command(command), passed)
             self._commands += 1
             while self._answered < self._commands:
                 if not self._take_in(deadline_s):
-                    raise CanOperationError(f"{self._path}: the bus does not answer")
+                    raise can.CanOperationError(f"{self._path}: the bus does not answer")
             return self._answer
 
     def close(self) -> None:
@@ -81,7 +80,7 @@ class Link:
     @contextmanager
     def _locked(self, timeout_s: float | None) -> Iterator[None]:
         if not self._lock.acquire(timeout=-1 if timeout_s is None else max(timeout_s, 0)):
-            raise CanOperationError(f"{self._path}: another thread is still waiting to send")
+            raise can.CanOperationError(f"{self._path}: another thread is still waiting to send")
         try:
             yield
         finally:
@@ -114,9 +113,9 @@ class Link:
     def _checked(self, record: bytes) -> dict[str, Any]:
         answer = decode_command(record)
         if isinstance(answer, Malformed):
-            raise CanOperationError(f"{self._path}: the bus's answer is not understood: {answer.reason}")
+            raise can.CanOperationError(f"{self._path}: the bus's answer is not understood: {answer.reason}")
         if "refused" in answer:
-            raise CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
+            raise can.CanOperationError(f"{self._path}: the bus refuses this client: {answer['refused']}")
         return answer
 
 
@@ -143,6 +142,6 @@ def deadline_after(timeout_s: float | None) -> float | None:
     return None if timeout_s is None else time.monotonic() + timeout_s
 
 
-def hub_is_gone(path: str) -> CanOperationError:
+def hub_is_gone(path: str) -> can.CanOperationError:
     """Return the error for a hub that has ended, or for a bus that this process has shut down."""
-    return CanOperationError(f"{path}: the bus is gone; {how_to_start(path)}")
+    return can.CanOperationError(f"{path}: the bus is gone; {how_to_start(path)}")

@@ -13,14 +13,13 @@ from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from can.typechecking import CanFilters
-
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.sim.scenario.script import Deed
+from heronry_wire.bare_can import can
 
 KINDS = ("omission", "collapse", "link_cut", "channel_loss")
 _NS_PER_MS = 1_000_000
-_NOTHING: CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "extended": False}]
+_NOTHING: can.typechecking.CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "extended": False}]
 
 
 class Disturbance(NamedTuple):

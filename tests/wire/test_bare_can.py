@@ -1,0 +1,40 @@
+"""python-can is imported without asammdf, and asammdf can be imported afterwards."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import heronry_agent
+import heronry_dg
+import heronry_manager
+import heronry_tools
+import heronry_wire
+
+PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
+
+
+def printed(program: str) -> str:
+    return subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_asammdf_is_not_imported_and_can_be() -> None:
+    program = "import sys, heronry_wire.link; print('asammdf' in sys.modules); import asammdf; print(asammdf.__name__)"
+    assert printed(program) == "False\nasammdf"
+
+
+def test_a_program_that_has_python_can_keeps_it() -> None:
+    program = "import can, sys, heronry_wire.bare_can as bare; print(bare.can is can, 'asammdf' in sys.modules)"
+    assert printed(program) == "True True"
+
+
+def test_no_other_file_imports_python_can_itself() -> None:
+    found = []
+    for package in PACKAGES:
+        for file in Path(package.__path__[0]).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+                if any(name.split(".")[0] == "can" for name in names):
+                    found.append(file.name)
+    assert sorted(set(found)) == ["bare_can.py"]
