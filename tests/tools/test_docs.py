@@ -65,6 +65,7 @@ class Rule:
 
 RULES = [
     Rule(r"make (test|lint)", How.EXEMPT, "they run this very test, and have run the linters already"),
+    Rule(r"make demo ARGS=--web", How.EXEMPT, "it goes on until Ctrl-C; tests/live/test_demo_page.py flies it"),
     Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),

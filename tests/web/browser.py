@@ -51,8 +51,8 @@ class Server:
     """The pages of one system on a free port; `stop` ends it before the test does."""
 
     def __init__(self, shown: Live | Recording, *, operates: bool = False, orders: Orders | None = None) -> None:
-        self._listener, port = listening("127.0.0.1", 0)
-        self.access: Access = access("127.0.0.1", port, operates=operates)
+        self._listener = listening("127.0.0.1", 0)
+        self.access: Access = access(self._listener, operates=operates)
         questions = Questions(big_blue(), shipped_spec_path("big_blue"))
         self.site = Site(big_blue(), shown, questions, orders or Orders(None), self.access)
         config = uvicorn.Config(application(self.site), log_level="error", timeout_graceful_shutdown=3)

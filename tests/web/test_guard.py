@@ -1,8 +1,12 @@
 """Who is let in: by Host, by Origin, by token."""
 
+import socket
+
 import pytest
 
+from heronry_tools.console.errors import UserError
 from heronry_tools.web.guard import HEADERS, Access, Asked, refusal
+from heronry_tools.web.serving import access, listening
 
 TOKEN = "t0ken"
 LOCAL = Access("127.0.0.1", 8321, TOKEN)
@@ -76,6 +80,25 @@ def test_only_reading_and_asking_are_understood():
 def test_the_address_has_the_token_where_no_browser_sends_it():
     assert OPERATED.url(with_token=True) == f"http://127.0.0.1:8321/#token={TOKEN}"
     assert Access("::1", 80, TOKEN).url(with_token=False) == "http://[::1]:80/"
+
+
+def test_a_server_on_all_addresses_is_opened_by_the_name_of_its_computer():
+    everywhere = Access("0.0.0.0", 8321, TOKEN)
+    assert everywhere.url(with_token=True) == f"http://{socket.gethostname()}:8321/#token={TOKEN}"
+    assert code(everywhere, "GET", "/", host=f"{socket.gethostname()}:8321") is None
+    assert code(everywhere, "GET", "/api/snapshot", host="192.0.2.7:8321") == 401
+
+
+def test_an_address_that_is_none_of_this_computer_is_a_sentence():
+    for address, port in (("192.0.2.7", None), ("no such name", 0)):
+        with pytest.raises(UserError, match="name another one"):
+            listening(address, port)
+
+
+def test_without_a_port_another_one_is_taken_where_the_usual_one_is_taken():
+    with listening("localhost", None) as first, listening("127.0.0.1", None) as second:
+        assert access(first, operates=False).is_local
+        assert first.getsockname() != second.getsockname()
 
 
 def test_nothing_is_loaded_from_elsewhere():

@@ -148,7 +148,7 @@ def test_an_order_is_given_only_after_what_it_costs_is_named(chromium):
         assert server.access.token not in watched.page.url
         watched.page.click('#pes [data-pe="air"] header button')
         watched.page.click('#details [data-order="fail pe:air"]')
-        watched.page.wait_for_selector("#confirm .lost-list li, #confirm p:not(.quiet)", timeout=60_000)
+        watched.page.wait_for_selector("#confirm .lost-list li, #confirm p:not([class])", timeout=60_000)
         expect_axe_to_find_nothing(watched, "the question before an order")
         lost = watched.page.eval_on_selector_all("#confirm .lost-list b", "(all) => all.map((one) => one.textContent)")
         plan = Desk(big_blue()).answer({"ask": "plan", "down": [*watched.known()["down"], "pe:air"], "phase": "glide"})

@@ -96,6 +96,8 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
         return f"{error.filename}: {error.strerror}"
     if isinstance(error, OSError) and error.errno in _NO_MORE:
         return f"the output cannot be written: {error.strerror}; make room, or write elsewhere"
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"{error.strerror}: this process may open no more; allow more of them with 'ulimit -n'"
     return None
 
 

@@ -2,12 +2,12 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -32,6 +32,9 @@ _MOST_BYTES: Final = 65_536  # of a question or an order
 _LOOK_S: Final = 0.2
 _FASTEST: Final = 64.0
 _NO_STORE: Final = {"cache-control": "no-store"}
+_NOBODY_WAITS: Final = Response(status_code=499)
+
+T = TypeVar("T")
 
 
 @dataclass(eq=False)
@@ -117,12 +120,17 @@ class Site:
         question = await _json(request)
         if question is None:
             return _refused(400, "this is no question")
-        waiting = asyncio.create_task(self.questions.ask(question))
+        answer = await self._awaited(request, self.questions.ask(question))
+        return _NOBODY_WAITS if answer is None else JSONResponse(answer, headers=_NO_STORE)
+
+    async def _awaited(self, request: Request, working: Coroutine[Any, Any, T]) -> T | None:
+        """Wait for an answer; None, and an end of the work, where the page has gone away or the server ends."""
+        waiting = asyncio.create_task(working)
         while not (await asyncio.wait({waiting}, timeout=_LOOK_S))[0]:
             if self.closing.is_set() or await request.is_disconnected():
                 waiting.cancel()
-                return _refused(499, "nobody waits for this answer any more")
-        return JSONResponse(waiting.result(), headers=_NO_STORE)
+                return None
+        return waiting.result()
 
     async def warm(self, _: Request) -> Response:
         """Start the planner's process, since a question will come."""
@@ -131,7 +139,9 @@ class Site:
 
     async def order(self, request: Request) -> Response:
         """Give an order."""
-        answer = await self.orders.give(await _json(request))
+        answer = await self._awaited(request, self.orders.give(await _json(request)))
+        if answer is None:
+            return _NOBODY_WAITS
         return JSONResponse({"done": answer.done, "sentence": answer.sentence}, headers=_NO_STORE)
 
 

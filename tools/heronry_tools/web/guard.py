@@ -44,7 +44,7 @@ _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 class Access:
     """Where the server listens, and what its pages may do."""
 
-    address: str  # an IP address, or localhost
+    address: str  # an IP address
     port: int
     token: str
     operates: bool = False
@@ -52,7 +52,7 @@ class Access:
     @property
     def is_local(self) -> bool:
         """Whether only this computer can reach the server."""
-        return self.address == "localhost" or ipaddress.ip_address(self.address).is_loopback
+        return ipaddress.ip_address(self.address).is_loopback
 
     def knows_host(self, host: str) -> bool:
         """Tell whether a `Host` is an address of this server; names are no addresses, but for this computer's own."""
@@ -66,6 +66,8 @@ class Access:
     def url(self, *, with_token: bool) -> str:
         """Give the address to open in a browser."""
         host = f"[{self.address}]" if ":" in self.address else self.address
+        if ipaddress.ip_address(self.address).is_unspecified:  # it listens on all
+            host = socket.gethostname()
         return f"http://{host}:{self.port}/" + (f"#token={self.token}" if with_token else "")
 
 

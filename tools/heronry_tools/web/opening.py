@@ -49,8 +49,8 @@ def serve_what(arguments: argparse.Namespace) -> None:
     if arguments.operate and opened.manager is None:
         raise UserError("--operate: only a manager on this computer takes orders; leave --operate out")
     demo = None if arguments.demo_orders is None else socket.socket(fileno=arguments.demo_orders)
-    listener, port = listening(arguments.listen, arguments.port)
-    to = access(arguments.listen, port, operates=arguments.operate)
+    listener = listening(arguments.listen, arguments.port)
+    to = access(listener, operates=arguments.operate)
     questions, orders = Questions(opened.spec, opened.file), Orders(opened.manager, demo)
     site = Site(opened.spec, opened.shown, questions, orders, to, opened.frames)
     if arguments.until_eof:

@@ -21,8 +21,11 @@ USUAL_PORT: Final = 8321
 _LONGEST_END_S: Final = 2
 
 
-def listening(address: str, port: int | None) -> tuple[socket.socket, int]:
-    """Open the socket; without a port it is USUAL_PORT, or a free one where that is taken. Raises UserError."""
+def listening(address: str, port: int | None) -> socket.socket:
+    """Open the socket, on an address or a name of this computer.
+
+    Without a port it is USUAL_PORT, or a free one where that is taken. Raises UserError.
+    """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     for number in (USUAL_PORT, 0) if port is None else (port,):
         listener = socket.socket(family, socket.SOCK_STREAM)
@@ -35,13 +38,14 @@ def listening(address: str, port: int | None) -> tuple[socket.socket, int]:
                 continue
             raise UserError(f"--listen {address} --port {number}: {error.strerror}; name another one") from None
         listener.listen(64)
-        return listener, int(listener.getsockname()[1])
+        return listener
     raise AssertionError("unreachable: the kernel gives a free port, or an error")
 
 
-def access(address: str, port: int, *, operates: bool) -> Access:
+def access(listener: socket.socket, *, operates: bool) -> Access:
     """Make the access for a server, with a token of its own."""
-    return Access("127.0.0.1" if address == "localhost" else address, port, secrets.token_urlsafe(24), operates)
+    address, port = listener.getsockname()[:2]
+    return Access(address, port, secrets.token_urlsafe(24), operates)
 
 
 class _Server(uvicorn.Server):

@@ -48,7 +48,7 @@ def write_mcap(recording: Recording, reconfigurations: tuple[Reconfiguration, ..
         channel = writer.register_channel("/reconfigurations", "json", schema)
         for one in reconfigurations:
             _add(writer, channel, one.done_ns, asdict(one))
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def _write_signal(writer: Any, series: Series) -> None:

@@ -29,12 +29,12 @@ export function show() {
 
 function card(name) {
   const facts = store.facts.buses[name];
-  const now = h("span", { class: "quiet" });
+  const now = h("span", { class: "muted" });
   const trouble = h("p", { class: "why" });
   const picture = svg("svg", { role: "img" });
   const kinds = h("div", { class: "kinds" });
   const element = h("section", { class: "card bus", "data-bus": name, "aria-label": `Bus ${name}` },
-    h("h3", {}, name, h("small", { class: "quiet" }, `${facts.kind}, ${facts.bit_rate / 1000} kbit/s`), now), trouble, picture, kinds);
+    h("h3", {}, name, h("small", { class: "muted" }, `${facts.kind}, ${facts.bit_rate / 1000} kbit/s`), now), trouble, picture, kinds);
   return { element, now, trouble, picture, kinds, drawn: "" };
 }
 
@@ -85,5 +85,5 @@ function draw(parts, name, bus) {
   parts.picture.setAttribute("aria-label", `Load of ${name}: now ${percent(bus.load)}, at most ${percent(bus.most)} is allowed, ${percent(bus.planned)} is planned`);
   parts.kinds.replaceChildren(
     ...kinds.map((kind, number) => h("span", {}, h("i", { class: `k${(number % 6) + 1}` }), `${kind}: ${percent((bus.bits_per_s[kind] ?? 0) / bus.bit_rate)}`)),
-    h("span", { class: "quiet" }, `most allowed for data ${percent(bus.most)} (dashed) · planned ${percent(bus.planned)} (dotted) · lines with a number: epochs`));
+    h("span", { class: "muted" }, `most allowed for data ${percent(bus.most)} (dashed) · planned ${percent(bus.planned)} (dotted) · lines with a number: epochs`));
 }

@@ -58,7 +58,7 @@ export function show() {
 
 async function explain(name, button) {
   const into = byId("details").querySelector(".explained");
-  into.replaceChildren(h("p", { class: "quiet" }, "The planner is asked …"));
+  into.replaceChildren(h("p", { class: "muted" }, "The planner is asked …"));
   button.disabled = true;
   const { down, phase } = store.snapshot;
   into.replaceChildren(...explanation(await post("/api/ask", { ask: "why", function: name, down, phase })));
@@ -72,8 +72,8 @@ export function explanation(answer) {
   const repairs = why.repairs.map((one) => [...one.restore.map((element) => `${element} comes back`), ...one.add.map((more) => `${more.more} more ${more.kind} on ${more.name}`)].join(", and "));
   return [
     h("p", {}, head),
-    why.reasons.length ? [h("p", { class: "quiet" }, "because, all at once:"), h("ul", { class: "why-list" }, why.reasons.map((one) => h("li", {}, one.text)))] : null,
-    repairs.length ? [h("p", { class: "quiet" }, "repaired by any one of:"), h("ul", { class: "repairs" }, repairs.map((one) => h("li", {}, one)))] : null,
+    why.reasons.length ? [h("p", { class: "muted" }, "because, all at once:"), h("ul", { class: "why-list" }, why.reasons.map((one) => h("li", {}, one.text)))] : null,
+    repairs.length ? [h("p", { class: "muted" }, "repaired by any one of:"), h("ul", { class: "repairs" }, repairs.map((one) => h("li", {}, one)))] : null,
   ].flat().filter(Boolean);
 }
 

@@ -41,9 +41,9 @@ function faultCard(fault) {
   const since = clock(fault.since_ns, store.snapshot.began_ns);
   const code = fault.code ? ` (${fault.code}${fault.detail ? `, detail ${fault.detail}` : ""})` : "";
   return h("div", { class: `card fault${fault.seen ? " seen" : ""}`, "data-fault": fault.element },
-    badge(fault.seen ? "idle" : "error"), h("b", {}, fault.element), h("span", { class: "quiet" }, `latched since ${since}, reported by ${fault.by}${code}`),
+    badge(fault.seen ? "idle" : "error"), h("b", {}, fault.element), h("span", { class: "muted" }, `latched since ${since}, reported by ${fault.by}${code}`),
     h("span", { class: "group" }, operate.button("clear", fault.element),
-      fault.seen ? h("span", { class: "quiet" }, "acknowledged") : h("button", {
+      fault.seen ? h("span", { class: "muted" }, "acknowledged") : h("button", {
         type: "button",
         on: { click: () => { localStorage.setItem(KEY, JSON.stringify([...seen(), nameOf(fault)].slice(-100))); redraw(); } },
       }, "Acknowledge")));

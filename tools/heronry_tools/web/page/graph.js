@@ -179,6 +179,6 @@ function table(snapshot, picked) {
   list(byId("symbols"), rows, (row) => row.key, (row) =>
     h("tr", { class: row.picked ? "picked" : "", "data-symbol": row.key, "data-state": row.live },
       h("td", {}, h("span", { class: `badge ${row.live}`, "aria-hidden": "true" }, LETTERS[row.live]), ` ${WORDS[row.live]}`),
-      h("td", {}, h("button", { type: "button", on: { click: () => details.open(target(row.key)) } }, named(row.name)), h("small", { class: "quiet" }, ` ${row.kind}`)),
+      h("td", {}, h("button", { type: "button", on: { click: () => details.open(target(row.key)) } }, named(row.name)), h("small", { class: "muted" }, ` ${row.kind}`)),
       h("td", {}, row.where)));
 }

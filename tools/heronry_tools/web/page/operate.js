@@ -43,7 +43,7 @@ function situationAfter(order, what) {
 async function ask(order, what) {
   const dialog = byId("confirm");
   const { word, says, grave } = ORDERS[order];
-  const cost = h("div", { "aria-live": "polite" }, h("p", { class: "quiet" }, "The planner works out what that costs …"));
+  const cost = h("div", { "aria-live": "polite" }, h("p", { class: "muted" }, "The planner works out what that costs …"));
   const go = h("button", { type: "button", class: grave ? "grave" : "main", disabled: true }, order === "phase" ? `Enter ${what}` : `${word} ${what}`);
   const asking = new AbortController();
   const finish = () => {

@@ -58,7 +58,7 @@ function story(one, began, isAnother) {
     isAnother ? h("p", { class: "why" }, `Epoch ${chosen} is not in what is shown; this is the last one.`) : null,
     h("h2", {}, `Reconfiguration ${one.number}: epoch ${one.epoch}`),
     h("p", { class: "sentence" }, sentence(one)),
-    h("p", { class: "quiet" }, `done at ${clock(one.done_ns, began)} · `, h("a", { href: `#/timeline/${nameOf(one)}` }, "link to this one")),
+    h("p", { class: "muted" }, `done at ${clock(one.done_ns, began)} · `, h("a", { href: `#/timeline/${nameOf(one)}` }, "link to this one")),
     h("h3", {}, `How long: ${milliseconds(total(one))}`),
     lanes(one),
     h("h3", {}, "Functions"),
@@ -66,7 +66,7 @@ function story(one, began, isAnother) {
       one.lost.map((name) => h("span", { class: "chip lost" }, `no longer served: ${name}`)),
       one.gained.map((name) => h("span", { class: "chip gained" }, `served from now on: ${name}`)),
       one.kept.map((name) => h("span", { class: "chip" }, `kept: ${name}${gap(one, name)}`)),
-      one.lost.length + one.gained.length + one.kept.length ? null : h("span", { class: "quiet" }, "none was served before or is now")),
+      one.lost.length + one.gained.length + one.kept.length ? null : h("span", { class: "muted" }, "none was served before or is now")),
     h("h3", {}, `What moved: ${one.moved.length} moved, ${one.started.length} started, ${one.stopped.length} stopped`),
     beforeAfter(one),
   ].filter(Boolean);
@@ -128,5 +128,5 @@ function side(pe, here, other, word) {
     if (there.pe !== pe) return h("span", { class: "chip moved" }, word === "to" ? `${name} → ${there.pe}` : `${name} ← ${there.pe}`);
     const mode = there.mode === here[name].mode ? "" : ` (${here[name].mode})`;
     return h("span", { class: `chip${mode ? " degraded" : ""}` }, `${name}${mode}`);
-  }), names.length ? null : h("span", { class: "quiet" }, "nothing")));
+  }), names.length ? null : h("span", { class: "muted" }, "nothing")));
 }

@@ -18,7 +18,7 @@ export function begin() {
   const form = byId("what-if-form");
   form.addEventListener("submit", (event) => event.preventDefault());
   form.append(
-    h("p", { class: "quiet" }, "Tick what is down. This is only planned: nothing that flies is touched."),
+    h("p", { class: "muted" }, "Tick what is down. This is only planned: nothing that flies is touched."),
     h("div", { class: "bar" }, store.facts.phases.length ? h("label", {}, "Phase ", phase) : null,
       h("button", { type: "button", on: { click: asNow } }, "As it is now"), h("button", { type: "button", on: { click: () => set([]) } }, "Nothing down")));
   for (const [kind, title] of Object.entries(KINDS)) {
@@ -65,7 +65,7 @@ async function ask() {
   const { signal } = asking;
   const number = (waiting += 1);
   const into = byId("what-if-answer");
-  if (!into.firstChild) into.append(h("p", { class: "card quiet" }, "The planner is asked …"));
+  if (!into.firstChild) into.append(h("p", { class: "card muted" }, "The planner is asked …"));
   into.classList.add("busy");
   try {
     await new Promise((resolve) => setTimeout(resolve, 200));
@@ -109,7 +109,7 @@ function functionRow(name, then, asked) {
   const into = h("div", { "aria-live": "polite" });
   const why = h("button", { type: "button", on: { click: async () => {
     why.disabled = true;
-    into.replaceChildren(h("p", { class: "quiet" }, "The planner is asked …"));
+    into.replaceChildren(h("p", { class: "muted" }, "The planner is asked …"));
     into.replaceChildren(...explanation(await post("/api/ask", { ask: "why", function: name, ...asked })));
     why.disabled = false;
   } } }, "Why?");
@@ -128,5 +128,5 @@ function moves(then) {
     else if (to && to.pe !== one.pe) found.push(h("span", { class: "chip moved" }, `${name}: ${one.pe} → ${to.pe}`));
     else if (to && to.mode !== one.mode) found.push(h("span", { class: "chip degraded" }, `${name}: ${one.mode} → ${to.mode}`));
   }
-  return h("div", { class: "modules" }, found.length ? found : h("span", { class: "quiet" }, "none: everything stays where it is"));
+  return h("div", { class: "modules" }, found.length ? found : h("span", { class: "muted" }, "none: everything stays where it is"));
 }
