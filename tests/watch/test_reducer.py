@@ -65,7 +65,7 @@ def test_a_flight_as_its_snapshot_tells_it() -> None:
 
 
 @given(st.integers(0, len(ALL)))
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_a_view_may_start_anywhere_and_leaves_what_it_started_from_alone(cut: int) -> None:
     before = REDUCER.all(ALL[:cut])
     kept = json.dumps(document(before.snapshot))

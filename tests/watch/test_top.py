@@ -7,16 +7,18 @@ import select
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from textual.widgets import Input, Static
 
+from heronry_manager.core.events import to_line
 from heronry_tools.watch.reducer import Reducer
 from heronry_tools.watch.top import panels
 from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
 from heronry_tools.watch.top.panels import Look
 from heronry_tools.watch.top.sources import LiveSource, RecordedSource
-from watch.flights import MS, big_blue, big_blue_log
+from watch.flights import ALL, MS, big_blue
 
 pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
 
@@ -189,24 +191,25 @@ def test_lines_are_cut_at_the_edge_and_never_wrapped() -> None:
     assert text.overflow == "ellipsis"
 
 
-def test_a_real_run_in_a_pseudo_terminal() -> None:
+def test_a_real_run_in_a_pseudo_terminal(tmp_path: Path) -> None:
+    log = tmp_path / "events.jsonl"  # as a manager tells them: opened without the solver
+    log.write_text("".join(to_line(one) + "\n" for one in ALL))
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
-    typed = [sys.executable, "-m", "heronry_tools", "top", "--log", str(big_blue_log()), "big_blue"]
-    process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, env=environment)
+    typed = [sys.executable, "-m", "heronry_tools", "top", "--log", str(log), "big_blue"]
+    process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
     os.close(theirs)
-    seen, until_s = b"", time.monotonic() + 120
-    while b"big_blue" not in seen and time.monotonic() < until_s and process.poll() is None:
-        if select.select([ours], [], [], 0.2)[0]:
-            seen += os.read(ours, 1 << 16)
-    assert b"big_blue" in seen, seen[-2000:]
-    os.write(ours, b"q")
-    while process.poll() is None and time.monotonic() < until_s:
+    seen, until_s, has_quit = b"", time.monotonic() + 120, False
+    while time.monotonic() < until_s and process.poll() is None:
         if select.select([ours], [], [], 0.2)[0]:
             try:
-                os.read(ours, 1 << 16)
-            except OSError:
+                seen += os.read(ours, 1 << 16)
+            except OSError:  # the process has closed its end
                 break
-    _, errors = process.communicate(timeout=30)
-    assert (process.returncode, errors) == (0, b"")
+        if b"big_blue" in seen and not has_quit:
+            os.write(ours, b"q")
+            has_quit = True
+    assert has_quit, seen[-2000:]
+    assert process.wait(timeout=30) == 0
+    assert b"Traceback" not in seen
     os.close(ours)

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.once and not arguments.json:
         raise UserError("--once prints a snapshot: add --json")
-    if not arguments.json and not sys.stdout.isatty():
+    if not arguments.json and not (sys.stdout.isatty() and sys.stderr.isatty()):  # Textual writes to both
         raise UserError("there is no terminal to show the system in: add --json, for snapshots as JSON lines")
     from heronry_tools.watch.source_arguments import opened_source  # noqa: PLC0415
     from heronry_tools.watch.top.sources import RecordedSource, source_of  # noqa: PLC0415
