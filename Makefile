@@ -1,12 +1,12 @@
 # The commands for developers; `make` alone lists them. Nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test soak coverage lint clean
+.PHONY: help demo test soak on-vcan new-flights coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTEST := .venv/bin/pytest
-FRESH := .venv/bin/heronry sim --seconds 5 --jobs 0 --seed $(shell date +%s)
+FRESH = .venv/bin/heronry sim --seconds 5 --jobs $(JOBS) --seed $(shell date +%s)
 
 # Demos and tests start hundreds of Python processes: with bytecode files only the first one compiles a module.
 unexport PYTHONDONTWRITEBYTECODE
@@ -30,20 +30,28 @@ demo: .venv/ready-to-run
 # Four runs of pytest: tests that compute, in parallel; tests that start processes and mostly wait for them, more of them
 # at a time than there are processors; tests that pass only where this computer keeps up with heartbeats, one by one; and
 # tests that need a CAN bus. Processes fly by this computer's clock, which may stand still for longer than a heartbeat: a
-# test of these that fails is run once more, and reported as such. Then flights with seeds never flown before: one that
-# goes wrong prints the command that replays it. `test` and `soak` do all of this; `test` runs the long tests
-# (tests/thoroughness.py) in part, `soak` completely.
+# test of these that fails is run once more, and reported as such. And flights with seeds never flown before: one that
+# goes wrong prints the command that replays it. In `test` they fly beside the tests on a CAN bus: a user-mode Linux has
+# one processor. `test` and `soak` do all of this; `test` runs the long tests (tests/thoroughness.py) in part, `soak`
+# completely.
 test: BUT := and not soak
 test: FLIGHTS := 7
 test: FLIGHTS_OF_BIG_BLUE := 3
+test: AT_A_TIME := -j 2 JOBS=1
 soak: FLIGHTS := 500
 soak: FLIGHTS_OF_BIG_BLUE := 100
+soak: AT_A_TIME := -j 1 JOBS=0
 soak coverage: export HERONRY_SOAK := 1
 test soak: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal
 	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 5 --dist loadgroup --reruns 1 -r R
 	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
-	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R
+	$(MAKE) $(AT_A_TIME) on-vcan new-flights 'BUT=$(BUT)' FLIGHTS=$(FLIGHTS) FLIGHTS_OF_BIG_BLUE=$(FLIGHTS_OF_BIG_BLUE)
+
+on-vcan:
+	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R </dev/null
+
+new-flights:
 	$(FRESH) elevator_and_chute --runs $(FLIGHTS)
 	$(FRESH) dg_specs/examples/demux_actuators.dg.yaml --standby --runs $(FLIGHTS)
 	$(FRESH) dg_specs/examples/replicated_bus.dg.yaml --runs $(FLIGHTS)
@@ -73,7 +81,7 @@ clean:
 
 # Stamps: .venv was installed from this pyproject.toml. What testing needs includes what running needs.
 .venv/ready-to-run: pyproject.toml
-	@tools/prepare-venv manager,watch
+	@tools/prepare-venv manager,watch,web
 	@touch $@
 
 .venv/ready-to-test: pyproject.toml

@@ -15,6 +15,10 @@ one node has the key. What a tag covers beside the bytes of the frame:
               the frame. On page 0 also the number of pages 0 since the WELCOME and, with FAULT_PENDING, one EMCY that
               waits to be acknowledged: an EMCY has no room for a tag, so the state authenticates it
 
+A nonce is *plausible* if its last 16 bits are the tag of the rest for its node: a manager answers no other. So a nonce
+that was made up costs the manager nothing, and keeps no PE from its answer. A recorded nonce is plausible, too, and
+opens nothing: the PE takes an answer to its own present nonce alone.
+
 A table that goes to a PE over the bus is *sealed*: a tag of 32 bytes follows the table. This tag is not cut, because a
 table is long and decides which code runs. The text of a table names the node and the spec, and holds no nonce. So a
 recorded table can be sent again, but only to that node, and only while the node is unlocked and waits for a table.
@@ -36,6 +40,7 @@ KEY_BYTES = 32
 SEAL_BYTES = 32
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
+DRAWN_BITS, _NONCE_TAG_BYTES = 40, 2  # of a nonce: what the PE draws, and the tag of that
 BEAT_SPAN = 256  # page 0 shows its number modulo this
 PAGE_1_BEAT = 0  # pages 1 are not counted: what a page 1 reports of an epoch stays true for the whole session
 NO_EMERGENCY = b""
@@ -70,6 +75,7 @@ class Key:
             raise WireError(f"a key has {KEY_BYTES} bytes, not {len(secret)}: make a key with 'heronry key'")
         self._commands = blake2s(key=secret, digest_size=COMMAND_TAG_BYTES, person=b"hrn-cmd")
         self._states = blake2s(key=secret, digest_size=STATE_TAG_BYTES, person=b"hrn-stat")
+        self._nonces = blake2s(key=secret, digest_size=_NONCE_TAG_BYTES, person=b"hrn-nonc")
         self._tables = blake2s(key=secret, digest_size=SEAL_BYTES, person=b"hrn-tabl")
         self.fingerprint = blake2s(key=secret, digest_size=_FINGERPRINT_BYTES, person=b"hrn-name").hexdigest()
 
@@ -98,6 +104,17 @@ class Key:
         tag.update(digest.to_bytes(STATE_TAG_BYTES, "big"))
         tag.update(emergency)
         return int.from_bytes(tag.digest(), "big")
+
+    def nonce(self, node: int, drawn: int) -> int:
+        """Give the nonce of a node, from a number of DRAWN_BITS that it has drawn."""
+        tag = self._nonces.copy()
+        tag.update(node.to_bytes(1) + drawn.to_bytes(DRAWN_BITS // 8))
+        return drawn << 8 * _NONCE_TAG_BYTES | int.from_bytes(tag.digest())
+
+    def is_plausible(self, node: int, nonce: int) -> bool:
+        """Tell whether a holder of the key has once made this nonce of this node."""
+        drawn = nonce >> 8 * _NONCE_TAG_BYTES
+        return nonce != NO_NONCE and self.nonce(node, drawn) == nonce
 
     def sealed(self, table: bytes) -> bytes:
         """Give the text of a table followed by its seal, which a PE with this key accepts over the bus."""

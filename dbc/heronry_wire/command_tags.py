@@ -33,6 +33,7 @@ from heronry_wire.sansio import Received, require
 
 _HELD = 40  # most commands of one kind that wait for their TAG: the heads of all slices, and a few more
 _SOUGHT = 1 << 11  # values of the upper bits of a number that `seek` tries: two days of commands
+_RECOGNIZED = 1 << 4  # values of the upper bits that `recognized` tries: the first twenty minutes of a term
 _SEEK_PAUSE_NS = 20_000_000
 _NOT_YET_NS = -_SEEK_PAUSE_NS
 
@@ -120,6 +121,23 @@ class CommandVerifier:
         if isinstance(found, Refusal) and is_counted:
             self.refused[found] += 1
         return found
+
+    def recognized(self, manager: int, data: bytes) -> Held | None:
+        """Give the newest held command that a TAG proves to be a manager's, of any time; None: there is none.
+
+        For a manager that has no place here. The command is not accepted, and may be a replay.
+        """
+        fields = decode_tag(data)
+        if fields is None or not self._held[manager, fields[0]]:
+            return None
+        kind, low, tag = fields
+        newest = self._held[manager, kind][-1]
+        payload = newest.event.frame.data
+        term = _term(kind, payload, 0)
+        numbers = range(low, _RECOGNIZED * NUMBER_SPAN, NUMBER_SPAN)
+        places = (Place(term, number) for number in numbers)
+        is_true = any(self._key.command_tag(manager, kind, place, payload) == tag for place in places)
+        return newest if is_true else None
 
     def _find(self, manager: int, data: bytes, arrived_ns: int, nonce: int) -> Held | Refusal:
         fields = decode_tag(data)

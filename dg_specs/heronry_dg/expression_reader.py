@@ -87,7 +87,9 @@ class ExpressionReader:
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
-        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "let one of these gates name variables only")
+        self._findings.add(
+            rules.GATE_IN_ITSELF, place, sentence, "in one of these gates, write variables instead of a gate"
+        )
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:

@@ -102,7 +102,7 @@ class _ReferenceRules:
             self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def plants(self) -> None:
-        """Check that actuators move each plant, that sensors see it, and that it affects plants."""
+        """Check that `moved_by` of each plant names actuators, `seen_by` names sensors, and `affects` names plants."""
         for plant, form in _whole(self._draft.plants):
             self._names(plant, "affects", form.affects, "plant", self._draft.plants)
             for field, names, kind in (("moved_by", form.moved_by, "actuator"), ("seen_by", form.seen_by, "sensor")):

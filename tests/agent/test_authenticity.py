@@ -23,6 +23,7 @@ from agent.one_pe import (
     slice_messages,
 )
 from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.authentication import PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import Refusal
@@ -132,6 +133,71 @@ def test_page_1_is_tagged_with_what_it_has_staged(keyed: Keyed) -> None:
     assert tag == KEY.state_tag(NODE, session, PAGE_1_BEAT, said, 1007)
     untagged = [f.data for f in sent(Keyed().pe.pass_time(BEAT_NS), state_id(NODE)) if f.data[0] >> 6 == 1]
     assert [split_state(data)[1] for data in untagged] == [0]
+
+
+# Denial
+
+
+def test_frames_that_prove_nothing_make_a_pe_in_a_session_ask_for_none(keyed: Keyed) -> None:
+    for manager, node in ((PlayedManager(127, 9, FOREIGN), 127), (PlayedManager(MANAGER, 9, FOREIGN), MANAGER)):
+        for _ in range(6):
+            keyed.tell(LEASE, NAMES_IT)
+            forged = keyed.tell(Lease(9, 3, Step.GO_ALL, 7), manager=manager)
+            forged += keyed.pe.hear(*manager.welcome(NODE, 7), Frame(management_id(node, Command.TAG), bytes(8)))
+            assert not said(forged + keyed.pe.pass_time(BEAT_NS), StatePage2)
+    keyed.pe.pass_time(6 * BEAT_NS)  # its manager has fallen silent: it asks each sender
+    assert said(keyed.tell(Lease(9, 3, Step.GO_ALL, 7), manager=PlayedManager(127, 9, FOREIGN)), StatePage2)
+
+
+def test_a_manager_of_a_higher_term_is_asked_for_a_session_at_once(keyed: Keyed) -> None:
+    for term, asks in ((1, False), (2, True)):
+        other = PlayedManager(127, term, KEY)
+        keyed.pe.pass_time(2 * BEAT_NS)
+        keyed.tell(LEASE, NAMES_IT)
+        assert bool(said(keyed.tell(Lease(term, 0, Step.PREPARED, 0), manager=other), StatePage2)) is asks
+        assert not said(keyed.tell(Alive(term, 0, frozenset()), manager=other), StatePage2)
+
+
+def test_a_session_lasts_through_another_welcome_of_its_term(keyed: Keyed) -> None:
+    session = Session(MANAGER, 1, 1)
+    keyed.pe.pass_time(6 * BEAT_NS)
+    unknown = PlayedManager(127, 1, FOREIGN)
+    (page,) = said(keyed.tell(LEASE, manager=unknown), StatePage2)
+    assert isinstance(page, StatePage2)
+    keyed.welcome(page.nonce)
+    shown = [f.data for f in sent(keyed.tell(*slice_messages(FLYING, 7, 1007)), state_id(NODE)) if f.data[0] >> 6 == 1]
+    covered, tag = split_state(shown[-1])
+    assert tag == KEY.state_tag(NODE, session, PAGE_1_BEAT, covered, 1007)
+
+
+def test_only_what_the_key_has_made_shows_that_a_pe_was_replaced(keyed: Keyed) -> None:
+    authorization = keyed.pe.core.output_authorization
+    for _ in range(7):
+        keyed.tell(LEASE, NAMES_IT)
+        keyed.pe.pass_time(BEAT_NS)
+    for evidence, holds in (
+        (keyed.manager.frames(Lease(1, 9, Step.PREPARED, 7)), False),
+        (PlayedManager(127, 2, FOREIGN).frames(Lease(2, 9, Step.GO, 7)), False),
+        (PlayedManager(127, 2, KEY).frames(Lease(2, 9, Step.PREPARED, 7)), False),
+        (PlayedManager(127, 2, KEY).frames(Alive(2, 0, frozenset())), False),
+        (PlayedManager(127, 2, KEY).frames(Lease(2, 9, Step.GO, 7)), True),
+    ):
+        keyed.pe.hear(*evidence)
+        assert authorization.allows(keyed.pe.now_ns) is not holds
+
+
+def test_a_neighbour_counts_with_a_key_only_after_a_silence() -> None:
+    for has_key, holds in ((False, True), (True, False)):
+        authorization = OutputAuthorization(5 * BEAT_NS, has_key=has_key)
+        authorization.named(True, 0, has_activated=True)
+        authorization.neighbour_runs(8, 7)
+        assert authorization.allows(1) is not holds
+    authorization.heard(6 * BEAT_NS)
+    for beat in range(7, 14):
+        authorization.heard(beat * BEAT_NS)
+    assert authorization.allows(14 * BEAT_NS)  # nobody is heard that runs a newer epoch
+    authorization.neighbour_runs(8, 7)
+    assert not authorization.allows(14 * BEAT_NS)
 
 
 # The lock

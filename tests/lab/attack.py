@@ -12,6 +12,12 @@ compared with its value before (`_Watch`): what the PE does and sends, not what 
 
     python -m lab.attack --count 1000000 --seed 1
 
+Acceptance is not all that an attacker may want. With --denial every kind of forger of the simulator (`denial`) is on
+the bus for so many seconds, at 1, 3 and 9 per cent of it, and the program prints the longest silence of any function,
+beside that of a flight without a forger, and how many sessions ended.
+
+    python -m lab.attack demux_actuators.dg.yaml --count 1000 --denial 10
+
 The program also prints the cost of the tags: the share of each bus that commands take, without and with a key.
 """
 
@@ -30,8 +36,12 @@ from heronry_manager.core.compilation import Compiler
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.faults.denial import DENIALS, Denier
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Use, classify, management_id
@@ -46,6 +56,7 @@ from heronry_wire.management import (
     SliceBody,
     SliceHead,
     Step,
+    decode_command,
 )
 from heronry_wire.sansio import Send
 from heronry_wire.state_frames import StatePage2, decode_state
@@ -251,12 +262,66 @@ def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
     return {name: bits[name] * _NS_PER_S / _MEASURED_NS / bus.bitrate for name, bus in spec.buses.items()}
 
 
+class _Silences:
+    """The longest time between two outputs of each function of a flight, on the managers' bus."""
+
+    def __init__(self, flight: Simulation) -> None:
+        spec = flight.spec
+        self.longest_ns = 0
+        self._witness = Witness(spec)
+        self._functions = {m: [f.name for f in spec.functions.values() if m in f.outputs] for m in spec.modules}
+        self._last_ns: dict[str, int] = {}
+        flight.wiring.tap(spec.manager.bus, self._see)
+
+    def _see(self, sent: Sent) -> None:
+        output = self._witness.see(sent.end_ns, sent.frame)
+        for function in () if output is None else self._functions[output.module]:
+            self.longest_ns = max(self.longest_ns, sent.end_ns - self._last_ns.get(function, sent.end_ns))
+            self._last_ns[function] = sent.end_ns
+
+
+def denied(spec: Spec, seed: int, seconds: float, kind: str | None, percent: int = 0) -> tuple[float, int]:
+    """Fly under a kind of forger (None: without one); gives the longest silence in ms, and the sessions that ended."""
+    flight = Simulation(spec, seed, key=Key(bytes(KEY_BYTES)))
+    while not flight.events_of("reconfigured"):
+        flight.run_for(_NS_PER_S)
+    flight.run_for(_SETTLED_NS)
+    silences, renewed = _Silences(flight), [0]
+
+    def count(sent: Sent) -> None:
+        if sent.frame.can_id == management_id(FIRST_MANAGER, Command.CONTROL) and not sent.sender.startswith(STRANGER):
+            order = decode_command(Command.CONTROL, sent.frame.data)
+            renewed[0] += isinstance(order, Control) and order.operation is Operation.RENEW
+
+    flight.wiring.tap(spec.manager.bus, count)
+    if kind is not None:
+        wire = flight.wiring.buses[spec.manager.bus]
+        Denier(flight.clock, wire, Random(seed), spec=spec, kind=kind, share_percent=percent)
+    flight.run_for(round(seconds * _NS_PER_S))
+    return silences.longest_ns / _MS, renewed[0]
+
+
+def print_denials(spec: Spec, seed: int, seconds: float) -> bool:
+    """Print what each kind of forger denies; tells whether any of them denied anything."""
+    quiet_ms, _ = denied(spec, seed, seconds, None)
+    print(f"no forger        longest silence {quiet_ms:.0f} ms")
+    lease_ms = LEASE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) / _MS
+    is_denied = False
+    for kind in DENIALS:
+        for percent in (1, 3, 9):
+            silent_ms, ended = denied(spec, seed, seconds, kind, percent)
+            is_denied |= silent_ms > quiet_ms + lease_ms or ended > 0
+            print(f"{kind:15} {percent} %: longest silence {silent_ms:.0f} ms, {ended} sessions ended")
+    return is_denied
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Attack, and print the figures; returns 1 if the PE accepted an attack, or did not count it."""
+    """Attack, and print the figures; returns 1 if the PE accepted an attack, did not count it, or fell silent."""
     parser = argparse.ArgumentParser(prog="python -m lab.attack", description="Attack a PE with a key.")
     parser.add_argument("spec", nargs="?", default="big_blue", metavar="SPEC", help="default: big_blue")
     parser.add_argument("--count", type=int, default=100_000, metavar="N", help="attacks of all kinds together")
     parser.add_argument("--seed", type=int, default=1, metavar="NUMBER", help="the same one attacks in the same way")
+    parser.add_argument("--denial", type=float, default=0, metavar="SECONDS", help="fly that long under each forger")
     arguments = parser.parse_args(argv)
     spec = load_spec(arguments.spec)
     began_s = time.process_time()
@@ -273,7 +338,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     plain, tagged = management_load(spec, None), management_load(spec, Key(bytes(KEY_BYTES)))
     for bus in spec.buses:
         print(f"{bus}: commands take {100 * plain[bus]:.2f} % of it without a key, {100 * tagged[bus]:.2f} % with one")
-    return 1 if attacked.accepted.total() else 0
+    is_denied = arguments.denial > 0 and print_denials(spec, arguments.seed, arguments.denial)
+    return 1 if attacked.accepted.total() or is_denied else 0
 
 
 if __name__ == "__main__":

@@ -253,9 +253,8 @@ def test_candump_saw_the_frames_that_the_demo_recorded(flight: Flight) -> None:
 
 
 def test_cantools_reads_every_frame_but_those_of_sdo(flight: Flight) -> None:
-    """By SDO the manager asks each PE for what its state frames have no room for."""
+    """By SDO the manager asks a PE that comes back or fails for what its state frames have no room for."""
     recorded, dumped = without_sdo(flight.recorded), without_sdo(flight.dumped)
-    assert len(recorded) < len(flight.recorded)
     assert {one.can_id for one in recorded} <= {message.frame_id for message in flight.database.messages}
     for frame in (*dumped, *recorded):
         assert not frame.extended

@@ -43,7 +43,7 @@ COMMANDS = {
     "demo": "demo elevator_and_chute --for 20",
     "doctor": "doctor",
 }
-ALWAYS = ["plan", "contingencies in processes", "bound", "render", "sim", "exhaust", "demo", "doctor"]
+ALWAYS = ["plan", "contingencies in processes", "bound", "render", "sim", "exhaust", "demo", "check"]
 STANDARD_OUTPUT, ERRORS = "result.stdout", "errors"
 
 

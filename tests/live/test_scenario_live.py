@@ -55,6 +55,7 @@ def test_managers_are_killed_and_paused_and_orders_given(name: str) -> None:
     assert all(one["holds"] for one in flown(name)["expectations"])
 
 
+@pytest.mark.soak  # test_operator.py enters a phase in every run
 def test_a_phase_is_entered() -> None:
     flown("the_operator_enters_a_phase")
 

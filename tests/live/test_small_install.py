@@ -32,6 +32,7 @@ PATIENCE_S = 30.0
 AGENT_KIB = 35 * 1024  # python-can and asyncio alone take 27 MiB
 _SHORT = ("--kill", "pe:tail_pe@1", "--for", "4", "--json")
 EXTRAS = ("cantools", "canopen", "numpy", "ortools", "pydantic", "rich", "yaml")
+EXTRAS += ("asammdf", "mcap", "prometheus_client", "starlette", "textual", "uvicorn")
 
 # Python imports `sitecustomize` at its start: from then on what these name cannot be imported.
 _WITHOUT = """\
@@ -229,7 +230,10 @@ def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
     assert plans[0]["functions"]["elevator"]["served"]
 
 
-MODULES = {"pyyaml": "yaml"}  # package -> what it is imported as, where that is another name
+MODULES = {
+    "prometheus-client": "prometheus_client",
+    "pyyaml": "yaml",
+}  # package -> what it is imported as, where that is another name
 
 
 def modules_of(extra: str) -> set[str]:
@@ -254,6 +258,8 @@ def modules_of(extra: str) -> set[str]:
         ("check", ["plan", "elevator_and_chute", "--planner", "greedy"], 0),
         ("doctor", ["doctor", "elevator_and_chute", "-i", "softbus", "-c", "/no/such.sock", "--seconds", "0.1"], 1),
         ("watch", ["dbc", "elevator_and_chute"], 0),
+        ("watch", ["top", "--schema"], 0),
+        ("web", ["web", "--of", "nosuch"], 2),
         ("manager", ["plan", "elevator_and_chute"], 0),
         ("manager", ["doctor", "elevator_and_chute", "-i", "softbus", "-c", "/no/such.sock", "--seconds", "0.1"], 1),
         ("cluster", ["contingencies", "elevator_and_chute", "--faults", "0", "--jobs", "1", "-o", "made"], 0),

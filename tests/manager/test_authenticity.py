@@ -10,6 +10,7 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.nonce_answers import NonceAnswers
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
@@ -19,7 +20,17 @@ from heronry_wire.authentication import (
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from heronry_wire.management import Alive, Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step
+from heronry_wire.management import (
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    Step,
+    is_welcome,
+)
 from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import (
@@ -46,8 +57,9 @@ class Pe(ProvenStates):
         super().__init__(manager.spec.pes[name].node_id, key, session)
         self.manager = manager
 
-    def ask(self, nonce: int = 77) -> None:
+    def ask(self, drawn: int = 77) -> None:
         """Send a nonce, and take the answer if there is one."""
+        nonce = KEY.nonce(self.node, drawn)
         before = len(self.manager.frames)
         self.manager.hear(Frame(state_id(self.node), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
         verifier = CommandVerifier(KEY, BEAT_NS)
@@ -278,8 +290,9 @@ def advisor() -> OneManager:
     return one
 
 
-def overheard_welcome(one: OneManager, signer: CommandSigner, nonce: int = 5, answered: int = 5) -> Session:
+def overheard_welcome(one: OneManager, signer: CommandSigner, drawn: int = 5, answered: int = 5) -> Session:
     """Let it hear a nonce of the left PE, other talk, the answer, and its TAG."""
+    nonce, answered = KEY.nonce(LEFT, drawn), KEY.nonce(LEFT, answered)
     control, tag = signer.welcome(LEFT, answered)
     other = Frame(control.can_id, Control(signer.term, LEFT, Operation.ACKNOWLEDGE).encode())
     to_unknown, _ = CommandSigner(KEY, NODE, signer.term).welcome(125, answered)
@@ -332,8 +345,9 @@ def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_its_comma
             one.hear(frame)
     pes = []
     for name, pe in one.spec.pes.items():
-        one.hear(Frame(state_id(pe.node_id), StatePage2(PeState.UNCONFIGURED, PeFlags(0), 5).encode()))
-        for frame in active_manager.welcome(pe.node_id, 5):
+        nonce = KEY.nonce(pe.node_id, 5)
+        one.hear(Frame(state_id(pe.node_id), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
+        for frame in active_manager.welcome(pe.node_id, nonce):
             one.hear(frame)
         pes.append(Pe(one, name, session=Session(NODE, 3, active_manager.number)))
     for epoch, runs in ((1, None), (8, 8)):
@@ -358,3 +372,54 @@ def test_alive_goes_out_as_without_a_key(manager: OneManager) -> None:
     assert Alive(1, 0, frozenset()) in manager.commands
     assert [a for a in manager.give(Received(0, Frame(5, b""))) if isinstance(a, Send)] == []
     assert manager.now_ns > MS
+
+
+# Denial
+
+
+def nonces_answered(manager: OneManager, *nonces: int) -> int:
+    """Let a manager hear nonces of the left PE; gives how many it answers."""
+    before = len(manager.frames)
+    for nonce in nonces:
+        manager.hear(Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
+    controls = [f for f in manager.frames[before:] if f.can_id == management_id(NODE, Command.CONTROL)]
+    return len([f for f in controls if is_welcome(f.data)])
+
+
+def test_forged_nonces_are_not_answered_and_keep_no_true_one_from_its_answer(manager: OneManager, pe: Pe) -> None:
+    assert nonces_answered(manager, *range(1, 50), KEY.nonce(93, 1), FOREIGN.nonce(LEFT, 1)) == 0
+    assert nonces_answered(manager, KEY.nonce(LEFT, 1)) == 1
+    pe.say()
+    assert pe.counts()  # in the session that it had
+
+
+def test_recorded_nonces_are_answered_for_a_while_and_a_few_at_once(manager: OneManager, pe: Pe) -> None:
+    recorded = [KEY.nonce(pe.node, drawn) for drawn in range(1, 7)]
+    manager.pass_time(BEAT_NS)
+    assert nonces_answered(manager, *recorded) == 4
+    manager.pass_time(BEAT_NS)
+    assert nonces_answered(manager, *recorded[4:], recorded[4]) == 2
+    for _ in range(11):
+        manager.pass_time(BEAT_NS)
+    assert nonces_answered(manager, *recorded) == 0
+    assert nonces_answered(manager, KEY.nonce(pe.node, 7)) == 1
+
+
+def test_a_manager_forgets_the_oldest_nonces() -> None:
+    answers = NonceAnswers(BEAT_NS)
+    assert answers.is_due(1, 0)
+    for drawn in range(2, 300):
+        answers.is_due(drawn, drawn * BEAT_NS)
+    assert answers.is_due(1, 300 * BEAT_NS)
+
+
+def test_a_tenth_of_the_bus_is_told_as_an_attack_once(manager: OneManager, pe: Pe) -> None:
+    for frames_per_beat, told in ((5, 0), (40, 1), (40, 1), (2, 1), (40, 2)):
+        for _ in range(1 + 1_000 * MS // BEAT_NS):
+            nonces_answered(manager, *range(1, frames_per_beat))
+            manager.pass_time(BEAT_NS)
+            pe.say()
+        attacks = [event for event in manager.events if event["event"] == "attacked"]
+        assert len(attacks) == told
+    assert attacks[0]["bus"] == "can0"
+    assert attacks[0]["percent"] >= 10

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import select
 import socket
 import subprocess
@@ -233,13 +234,94 @@ def test_a_caller_that_never_ends_a_line_is_hung_up_on_and_others_are_heard(plac
         assert call(place, AskStatus()).done
 
 
-def test_one_caller_too_many_is_hung_up_on(place: Path) -> None:
+def test_the_caller_that_has_been_idle_for_longest_makes_room(place: Path) -> None:
     with manager_on(place):
         callers = [caller_of(place) for _ in range(MOST_CALLERS)]
+        for caller in reversed(callers):  # the last one has spoken first
+            caller.sendall(order_line(AskStatus()))
+            assert caller.recv(1)
+        assert call(place, AskStatus()).done
+        while callers[-1].recv(1 << 16):
+            pass
+        callers[0].sendall(order_line(AskStatus()))
+        assert callers[0].recv(1)
+        for caller in callers:
+            caller.close()
+
+
+def test_who_waits_for_an_answer_makes_no_room(place: Path) -> None:
+    with ControlSocket(place) as control:
+        callers, said = [], 0
+        for _ in range(MOST_CALLERS):
+            callers.append(caller_of(place))
+            callers[-1].sendall(order_line(AskStatus()))
+        while said < MOST_CALLERS:
+            said += len(control.poll())
         with caller_of(place) as late:
+            control.poll()
             assert late.recv(1) == b""
         for caller in callers:
             caller.close()
+
+
+@contextmanager
+def no_descriptor_left() -> Iterator[None]:
+    """Leave this process no descriptor."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (200, before[1]))
+    taken = []
+    try:
+        while True:
+            taken.append(os.open(os.devnull, os.O_RDONLY))
+    except OSError:
+        yield
+    finally:
+        for one in taken:
+            os.close(one)
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+@pytest.mark.parametrize("has_idle", [True, False])
+def test_without_a_descriptor_an_idle_caller_makes_room_and_nobody_stays_in_the_queue(
+    place: Path, has_idle: bool
+) -> None:
+    with ControlSocket(place) as control, caller_of(place) as first:
+        control.poll()
+        if not has_idle:
+            first.sendall(order_line(AskStatus()))
+            assert len(control.poll()) == 1
+        with caller_of(place) as operator:
+            with no_descriptor_left():
+                control.poll()
+                assert not select.select([control.readers()[0]], [], [], 0)[0]
+                dropped, kept = (first, operator) if has_idle else (operator, first)
+                assert dropped.recv(1) == b""
+                kept.sendall(order_line(AskStatus()))
+                assert len(control.poll()) == 1
+            with caller_of(place) as later:
+                later.sendall(order_line(AskStatus()))
+                while not control.poll():
+                    pass
+
+
+def test_where_nothing_could_be_reserved_a_caller_waits_for_the_first_free_descriptor(place: Path) -> None:
+    with ControlSocket(place) as control, caller_of(place) as caller:
+        assert control._reserve is not None
+        os.close(control._reserve)
+        control._reserve = None
+        with no_descriptor_left():
+            control.poll()
+        caller.sendall(order_line(AskStatus()))
+        while not control.poll():
+            pass
+
+
+def test_an_answer_controls_no_terminal() -> None:
+    line = json.dumps(
+        {"v": 1, "done": True, "sentence": "a\x1b[2Jb\x9b\tc\nd", "status": {"x\x07": ["\x1b]0;", 3, None, "ok"]}}
+    )
+    answer = read_answer(line.encode())
+    assert answer == Answer(True, "a\\x1b[2Jb\\x9b\tc\nd", {"x\\x07": ["\\x1b]0;", 3, None, "ok"]})
 
 
 def test_a_caller_that_hangs_up_before_the_answer_gets_none(place: Path) -> None:

@@ -10,7 +10,7 @@ from heronry_wire.node_services import Service, encode_service, request, service
 from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.state_frames import PeState
 from lab.peers import command_frame
-from manager.one_manager import MS, OneManager
+from manager.one_manager import BEAT_NS, MS, OneManager
 
 FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
 
@@ -44,6 +44,8 @@ def test_a_retired_manager_sends_nothing_whatever_happens() -> None:
     manager = OneManager()
     manager.start()
     manager.hear(lease(term=2, node=127))
+    manager.pass_time(BEAT_NS)
+    manager.hear(lease(term=2, node=127))
     assert len(manager.stops) == 1
     said = len(manager.commands)
     manager.reboot("left")
@@ -56,7 +58,21 @@ def test_a_manager_that_hears_its_double_says_what_is_wrong() -> None:
     manager = OneManager()
     manager.start()
     manager.hear(lease(term=1, node=126))
+    manager.pass_time(BEAT_NS)
+    manager.hear(lease(term=1, node=126))
     assert manager.stops[0].startswith("another manager 126 is active on can0, in the same term")
+
+
+def test_a_manager_that_flies_alone_is_not_ended_by_single_frames_of_another() -> None:
+    manager = OneManager()
+    manager.start()
+    for term, wait_ns in ((2, BEAT_NS), (3, BEAT_NS), (4, 0), (4, BEAT_NS // 4), (4, 0), (5, 6 * BEAT_NS), (5, 0)):
+        manager.hear(lease(term, node=127))
+        manager.pass_time(wait_ns)
+    assert manager.stops == []
+    manager.pass_time(BEAT_NS)
+    manager.hear(lease(5, node=127))
+    assert "higher term 5" in manager.stops[0]
 
 
 @pytest.mark.parametrize(("own_losses", "remembered"), [(0, {}), (1, {}), (2, {"left": 2})])

@@ -3,11 +3,11 @@
 import random
 
 import pytest
-from ortools.sat.python.cp_model import CpModel
 
 from heronry_dg.situation import situation
 from heronry_manager.planner.candidates import candidates
 from heronry_manager.planner.choosing import Choosing
+from heronry_manager.planner.cp_sat import CpModel
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.levels import bounds_of, serving_levels
 from heronry_manager.planner.placing import Placing

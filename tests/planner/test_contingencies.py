@@ -95,8 +95,8 @@ def forged(body: bytes, length: int | None = None) -> bytes:
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
-        (b"", "no contingency file"),
-        (b"x" * 200, "no contingency file"),
+        (b"", "not a contingency file"),
+        (b"x" * 200, "not a contingency file"),
         (sealed(b"HERONRY\x09" + bytes(60)), "format 9"),
         (sealed(b"HERONRY\x02" + bytes(60)), "another spec, or another version of spec elevator_and_chute"),
         (forged(b"", 1 << 30), "too many"),

@@ -4,9 +4,9 @@ import random
 from collections.abc import Callable, Iterator
 
 import pytest
-from ortools.sat.python.cp_model import CpSolver
 
 from heronry_manager.planner import exact
+from heronry_manager.planner.cp_sat import CpSolver
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.levels import Kind
 from heronry_manager.planner.solver import core_solver, light_solver, new_solver

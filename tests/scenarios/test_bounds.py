@@ -19,7 +19,7 @@ from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
 from heronry_tools.sim.world.planning import best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 from scenarios.test_single_faults import with_a_twin_of_what_raises
-from thoroughness import mostly_soak
+from thoroughness import mostly_soak, part_of
 
 _EMCY_NS = 100_000  # at least
 
@@ -93,7 +93,7 @@ LOST = [
 def test_a_reconfiguration_for_a_pe_that_is_lost_cut_off_or_back_ends_within_the_bound(lost: tuple[str, str]) -> None:
     name, pe = lost
     longest: dict[FaultClass, int] = {}
-    for seed in range(2):
+    for seed in range(part_of(2, 2)):
         for fault, ns in lost_cut_off_and_back(name, pe, seed):
             assert ns <= bound_ns(name, fault, f"pe:{pe}"), (fault, seed)
             longest[fault] = max(longest.get(fault, 0), ns)

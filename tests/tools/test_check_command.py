@@ -212,6 +212,11 @@ def test_colours_are_for_terminals(write: Write, variables: dict[str, str], colo
     assert (b"\x1b[" in shown) == coloured
 
 
+def test_a_spec_of_a_flight_is_known_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "eav", "--fast"]) == 0
+    assert "nothing wrong" in capsys.readouterr().out
+
+
 def test_shipped_specs_have_no_findings(capsys: pytest.CaptureFixture[str]) -> None:
     assert said(capsys, str(ROOT / "dg_specs"), "--strict", "--format", "concise") == (0, "")
     assert said(capsys, "big_blue", "--format", "concise") == (0, "")

@@ -21,8 +21,17 @@ from heronry_wire.command_parser import CommandParser
 
 TEACHING = [name for name in COMMANDS if name != HELP]
 ORDERS = ("phase", "priority", "fail", "clear", "unlock", "send-table", "key")  # one sentence is all that they answer
-STREAMS = ("demo", "manager")  # they print until they are ended; a shell's > keeps that
-FORMATS = ("render", "schema", "table", "dbc", "eds")  # what they write is for programs already
+STREAMS = ("demo", "manager", "top", "web")  # they print until they are ended; a shell's > keeps that
+FORMATS = (
+    "render",
+    "schema",
+    "table",
+    "dbc",
+    "eds",
+    "metrics",
+    "record",
+    "log",
+)  # what they write is for programs already
 WIRES = ("softbus",)  # it carries frames, and has no answer to anything
 
 
@@ -256,11 +265,16 @@ NO_SPEC = {  # the same mistake: a spec that is not there
     "module": ["module", "try", "nosuch:Speed"],
     "replay": ["replay", "nosuch.log", "nosuch"],
     "dbc": ["dbc", "nosuch"],
+    "log": ["log", "convert", "nosuch.log", "big_blue", "-o", "flight.mcap"],
     # the same of other files and names
     "scenario": ["scenario", "nosuch.scenario"],
     "key": ["key", "--check", "nosuch.key"],
     "explain": ["explain", "nosuch"],
     "status": ["status", "--of", "nosuch"],
+    "top": ["top", "--json", "--of", "nosuch"],
+    "record": ["record", "-o", "flight", "--of", "nosuch"],
+    "metrics": ["metrics", "--of", "nosuch"],
+    "web": ["web", "--of", "nosuch"],
     "fail": ["fail", "--of", "nosuch", "pe:nav"],
     "traceback": ["traceback", "--of", "nosuch", "module:autopilot"],
     "clear": ["clear", "--of", "nosuch", "pe:nav"],

@@ -65,6 +65,7 @@ class Rule:
 
 RULES = [
     Rule(r"make (test|lint)", How.EXEMPT, "they run this very test, and have run the linters already"),
+    Rule(r"make demo ARGS=--web", How.EXEMPT, "it goes on until Ctrl-C; tests/live/test_demo_page.py flies it"),
     Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
@@ -74,6 +75,7 @@ RULES = [
         "test_tutorial.py runs it, on what is written by then; tests/live/test_demo.py flies it",
     ),
     Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
+    Rule(r"ssh .*", How.EXEMPT, "another computer"),
     Rule(r"ip link .*|for pe in .*|python3 -m venv .*|.*pip install .*|export PATH=.*", How.EXEMPT, "test_desk.py"),
     Rule(r"(heronry|pe-agent) .*-c vcan0.*", How.EXEMPT, "tests/live/test_desk.py runs the whole page"),
     Rule(r"python -m lab\.benches\.node.*", How.LIVE, more="--seconds 1 --busy 1", is_long=True),
@@ -85,6 +87,12 @@ RULES = [
     ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
     Rule(r"pip wheel .*", How.EXEMPT, "it fetches the build system; test_small_install.py builds the wheel"),
+    Rule(r"heronry demo\b.*--web.*", How.LIVE, more="--for 2"),
+    Rule(r"heronry web\b.*", How.EXEMPT, "it serves until it is stopped; tests/web opens its pages"),
+    Rule(r"heronry top( --log flight.log big_blue)?|heronry top --log flight", How.EXEMPT, "tests/watch/test_top.py"),
+    Rule(r"heronry (top|metrics|log convert) .*flight\.log big_blue.*", How.EXEMPT, "tests/watch flies and runs them"),
+    Rule(r"heronry (record|log convert|replay) .*\bflight\b.*", How.EXEMPT, "tests/watch and tests/live record one"),
+    Rule(r"heronry metrics --port .*", How.EXEMPT, "tests/live/test_watching_live.py scrapes it"),
     Rule(r"heronry demo elevator_and_chute --kill .*", How.LIVE, is_long=True),  # test_demo.py tells the same story
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
@@ -123,6 +131,7 @@ RULES = [
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
     Rule(r"python -m lab\.mutation .* --list", How.RUN),
+    Rule(r"python -m lab\.scripts_in_flight\b.*", How.RUN, more="--runs 1 --seconds 1"),
     Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on

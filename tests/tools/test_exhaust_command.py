@@ -53,7 +53,7 @@ def test_a_sample_with_a_key_plans_on_board_or_two_managers(how: str, capsys: py
                 "exhaust",
                 str(FILE),
                 "--sample",
-                str(part_of(14)),
+                str(part_of(14, 14)),
                 "--pairs",
                 str(part_of(6)),
                 "--seed",

@@ -221,7 +221,8 @@ def test_the_greedy_planners_reasons_are_in_its_document(capsys: pytest.CaptureF
 def test_without_a_solver_there_is_the_greedy_planner(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in [name for name in sys.modules if name.startswith(("ortools", "heronry_manager.planner.e"))]:
+    solving = ("ortools", "heronry_manager.planner.cp_sat", "heronry_manager.planner.exact")
+    for module in [name for name in sys.modules if name.startswith(solving)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "ortools", None)
     code, out, err = run(capsys, "plan", "elevator_and_chute")

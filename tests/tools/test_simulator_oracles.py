@@ -14,7 +14,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager.core import radio_links
+from heronry_manager.core import attack_rate, radio_links
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
@@ -802,6 +802,7 @@ def test_the_oracles_know_the_limits_that_are_promised() -> None:
         "RADIO_WINDOW_PERIODS": protocol_times.RADIO_WINDOW_PERIODS,
         "RADIO_DOUBLINGS": radio_links.MOST_DOUBLINGS,
         "RADIO_STEPS": radio_links.STEPS,
+        "UNPRICED_PERCENT": attack_rate.PRICE_PERCENT,
     }
 
 

@@ -1,5 +1,6 @@
 """The status of a manager as lines of text: what is wrong comes first."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -82,6 +83,14 @@ def test_failures_of_modules_and_standstills_of_computers_are_shown() -> None:
     assert lines[5] == (
         "  left         up         ACTIVE in epoch 1; its computer stood still 30 times, for up to 200 ms"
     )
+
+
+def test_what_a_pe_holds_back_is_shown_with_its_cause(manager: OneManager) -> None:
+    page = manager.running["left"]
+    manager.running["left"] = replace(page, flags=PeFlags.HEARS_LEASE | PeFlags.OUTPUT_HELD)
+    manager.pass_time(200 * MS)
+    (line,) = (line for line in told(manager) if line.startswith("  left "))
+    assert "; OUTPUTS HELD BACK for 0.2 s (drive_left): it heard no node for longer than T_lease" in line
 
 
 def test_a_standby_manager_knows_no_plan_and_names_the_active_one() -> None:

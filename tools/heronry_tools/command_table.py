@@ -72,6 +72,11 @@ GROUPS: Final[Mapping[str, tuple[Command, ...]]] = {
         Command("unlock", "the operator's order: CANopen tools may write to a PE", "operator"),
     ),
     "watch": (
+        Command("web", "a page for a browser: graph, reconfigurations, what if"),
+        Command("top", "watch it: live, on a bus, or recorded"),
+        Command("record", "keep a flight: frames, events, spec, in rotating files"),
+        Command("log", "a recorded flight for other tools: MCAP, MDF 4"),
+        Command("metrics", "metrics for Prometheus"),
         Command("status", "what the manager on this computer knows", "operator"),
         Command("traceback", "the traceback of a module's last failure", "operator"),
         Command("replay", "a recorded bus through the manager again: why it decided so"),

@@ -12,7 +12,7 @@ knows it, and the digests that the PE has named in page 3.
 The manager holds an EMCY until a page 0 with FAULT_PENDING proves it: the tag of such a page covers one EMCY. The
 manager tries every EMCY that it has heard from this PE, and forgets them when a page 0 reports no pending fault.
 
-    no session    nothing from this PE counts; the manager answers a nonce, once in a heartbeat period
+    no session    nothing from this PE counts; the manager answers a nonce that the key has made (`nonce_answers`)
     offered       answers have gone out, and no state tagged with one of them has come
     open          page 0 is believed, and its digest is put back where the tag was
 
@@ -36,8 +36,12 @@ A command under this manager's own node-ID comes from a second manager only if i
 one; any other may be a replay of this manager's own commands.
 
 Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
-Pages 2 and 3, and the reports of gateways on radios, have no room for a proof. Pages 2 and 3 only name nonces and
-digests that the manager tries.
+
+Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
+Page 2 names a nonce, and the nonce itself shows that the key has made it, now or once.
+
+*Denial.* Frames without proof end nothing here. A session is open until the PE tags a state in a newer one, and a PE
+begins a newer one only after RENEW or in a new term. `attack_rate` counts the frames without proof.
 
 Lost: as in `command_tags`; a PE asks again. After a lost EMCY, page 0 cannot be believed until the PE has repeated the
 EMCY. Late or doubled: page 0 is refused, since its number is not above the last one. Forged: the state is counted in
@@ -51,10 +55,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.core.attack_rate import AttackRate
+from heronry_manager.core.nonce_answers import NonceAnswers
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ManagerAction
-from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, NO_NONCE, PAGE_1_BEAT, Key, Place, Session, next_number
+from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Place, Session, next_number
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.identifiers import MANAGER_NODES, Command
 from heronry_wire.management import NO_EPOCH, WELCOME_KIND, Control, Operation, decode_command, decode_tag
@@ -64,12 +70,13 @@ from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1
 
 GUESSES = 8  # wrong tags, after which a state counts only if the state before it was proven too
 FORGIVEN_PERIODS = 256  # heartbeat periods without a wrong tag, after which the wrong tags are forgotten
-_OFFERS = 2  # answers that are remembered: one may be on its way while the PE asks for the next
+_OFFERS = 8  # answers that are remembered: more than one PE is given in a period, two periods long
 _NAMED = 3
-_NONCES = 4  # nonces of one PE that are remembered: an overheard answer may belong to any of them
+_NONCES = 8  # nonces of one PE that are remembered: an overheard answer may belong to any of them
 _ANSWERS = 40  # answers of one manager that wait for their TAG: it may answer all PEs together
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
+_COMMAND_FRAMES = 2  # of a command: itself and its TAG
 _IN_VAIN = 2  # RENEWs without effect: even a PE that was just restarted has answered one of two
 _IN_A_ROW = 2  # two states are in a row if the second number is higher by at most this much
 
@@ -88,17 +95,18 @@ class _Peer:
 
     node: int
     period_ns: int
+    answers: NonceAnswers
     opened: _Opened | None = None
     offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
     named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests that its pages 3 have named
-    answered_ns: int | None = None  # when its nonce was last answered
     nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has sent
     doubted_ns: int | None = None  # since when it has been heard without being believed
     renewals: int = 0  # sent to it since it was last believed
     wrong: int = 0  # wrong tags, while they kept coming
     wrong_ns: int = 0
     fitted: tuple[Session, int] | None = None  # the last page 0 with a right tag, believed or not
-    held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest first
+    held: dict[bytes, bool] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest
+    # first, and whether a page 0 has proven it
     proven: bytes = NO_EMERGENCY  # the EMCY that the last page 0 has proven
     refused: int = 0  # states that were not believed
     refuses: tuple[int, int] = (0, 0)  # commands that the PE has refused, as its page 3 counts them: unproven, other
@@ -139,9 +147,12 @@ class Authenticity:
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
         self._managers = CommandVerifier(key, t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns), seek=True)
+        periods_ns = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
         self._peers = {
-            pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
+            pe.name: _Peer(pe.node_id, periods_ns[pe.name], NonceAnswers(periods_ns[pe.name]))
+            for pe in spec.pes.values()
         }
+        self._attack = AttackRate(turn, spec.manager.bus, spec.buses[spec.manager.bus].bitrate)
         self._by_node = {peer.node: peer for peer in self._peers.values()}
         self._answers: list[tuple[_Peer, int]] = []  # nonces that the end of this turn answers
         self._overheard: dict[int, deque[_Overheard]] = {node: deque(maxlen=_ANSWERS) for node in MANAGER_NODES}
@@ -176,10 +187,8 @@ class Authenticity:
 
     def answer(self, pe: str, page: StatePage2) -> None:
         """Answer a PE's nonce at the end of this turn, to open a session; at most once in a heartbeat period."""
-        peer, now_ns = self._peers[pe], self._turn.now_ns
-        is_early = peer.answered_ns is not None and now_ns - peer.answered_ns < peer.period_ns // 2
-        if page.nonce != NO_NONCE and not is_early:
-            peer.answered_ns = now_ns
+        peer = self._peers[pe]
+        if peer.answers.is_due(page.nonce, self._turn.now_ns):
             self._answers.append((peer, page.nonce))
 
     # What comes in
@@ -193,11 +202,18 @@ class Authenticity:
             case StatePage1():
                 return self._staged(peer, page, split_state(data)[0])
             case StatePage2(nonce=nonce):
+                if not self._key.is_plausible(peer.node, nonce):
+                    self._refuse(peer)
+                    return None
                 if nonce not in peer.nonces:
                     peer.nonces.append(nonce)
             case _:
                 self._told(pe, peer, page)
         return page
+
+    def _refuse(self, peer: _Peer) -> None:
+        peer.refused += 1
+        self._attack.forged()
 
     def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
         """Take page 3 of a PE: a digest of what it runs, and its count of refused commands."""
@@ -214,8 +230,13 @@ class Authenticity:
         """Keep an EMCY until a page 0 proves it."""
         held = self._peers[pe].held
         if emergency not in held and len(held) == _HELD:
-            del held[next(iter(held))]
-        held[emergency] = None
+            self._drop(held, next(iter(held)))
+        held.setdefault(emergency, False)
+
+    def _drop(self, held: dict[bytes, bool], emergency: bytes) -> None:
+        """Forget an EMCY; one that nothing has proven counts as forged."""
+        if not held.pop(emergency):
+            self._attack.forged()
 
     def take_emergency(self, pe: str) -> bytes | None:
         """Give the EMCY that the last page 0 has proven, once; None if that page has proven no EMCY."""
@@ -250,6 +271,7 @@ class Authenticity:
         self._follow(manager, tag)
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
+            self._attack.forged(_COMMAND_FRAMES)
             return None
         return found
 
@@ -274,8 +296,11 @@ class Authenticity:
             peer.offers.remove(opened)
         peer.doubted_ns, peer.renewals = None, 0
         peer.proven = emergency
+        if emergency:
+            peer.held[emergency] = True
         if PeFlags.FAULT_PENDING not in page.flags:
-            peer.held.clear()
+            for one in list(peer.held):
+                self._drop(peer.held, one)
         return replace(page, digest=digest)
 
     def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
@@ -301,7 +326,7 @@ class Authenticity:
             for digest in (known, 0):
                 if self._key.state_tag(peer.node, one.session, PAGE_1_BEAT, said, digest) == page.staged_digest:
                     return replace(page, staged_digest=digest)
-        peer.refused += 1
+        self._refuse(peer)
         return None
 
     def _digests(self, peer: _Peer, epoch: int) -> list[int]:
@@ -314,7 +339,7 @@ class Authenticity:
         """Note that a page 0 was not believed; its tag counts as wrong only if a session was offered to the PE."""
         now_ns = self._turn.now_ns
         if page.digest and (peer.opened or peer.offers):
-            peer.refused += 1
+            self._refuse(peer)
             peer.wrong = peer.wrong + 1 if self._is_recent(peer) else 1
             peer.wrong_ns = now_ns
             if peer.wrong == GUESSES:

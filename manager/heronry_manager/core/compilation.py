@@ -120,7 +120,7 @@ class Compiler:
         )
 
     def _is_on_both_sides(self, pe: str, module: str) -> bool:
-        """Tell whether a module may run on both sides of a gateway: towards the manager, and beyond the PE."""
+        """Tell whether a module may run on both sides of the gateway `pe`: on the manager's side, and beyond."""
         uplink = uplink_bus(self._spec, pe)
         hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
         ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}

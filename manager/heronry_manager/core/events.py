@@ -2,14 +2,13 @@
 
 Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `event` (a key of KINDS) and the fields
 listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never query the
-manager: `reduce` builds their snapshot from the lines, live or recorded.
+manager: `heronry_tools.watch` builds their snapshot from the lines, live or recorded.
 
 Lines come from the manager's core, and from `heronry demo` for what it did to the system itself (kill, restore).
 """
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from typing import Any
 
 VERSION = 1
@@ -34,12 +33,12 @@ KINDS: Mapping[str, str] = {
     "channel_lost": "channel, by: a channel of a replicated bus carries nothing for that node; the other one does",
     "channel_back": "channel, by: the channel carries frames for that node again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule has changed the mission phase",
-    "suspicion": "element, by, evidence: a module reports a PE or a bus; what this manager itself knows of it",
+    "suspicion": "element, by, evidence: a module reports a PE or a bus as faulty; evidence: what the manager knows",
     "suspicion_assessed": "element, found: what followed from a suspicion",
     "unknown_element": "module, by, detail: the module has reported an element that the spec does not have",
     "disagreement": "module, by, detail: two inputs of this module differ, and neither is known to be wrong",
     "agreement": "module, by: this disagreement is over",
-    "priority_changed": "function, priority, before, by: the operator or a module did it; default: that of the spec",
+    "priority_changed": "function, priority, before, by: the operator or a module did it; 'default': the spec's value",
     "priority_refused": "function, priority, by, why: a module has requested a priority that it may not set",
     "adopted": "epoch, digest: the PEs run a known configuration already; this mastership takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
@@ -56,9 +55,12 @@ KINDS: Mapping[str, str] = {
     "commands_refused": "pe, unproven, other: how many commands a PE with a key has refused so far",
     "states_unproven": "pe: the PE is heard, but proves nothing when asked: another key, no key, or a failed receiver",
     "states_doubted": "pe, refused: so many states of the PE had a wrong tag; now only two proven ones in a row count",
+    "attacked": "bus, percent, frames_per_s: forged frames take a tenth of the manager's bus or more",
+    "outputs_held": "pe, modules, cause: a PE holds exclusive outputs back for longer than T_lease",
+    "outputs_free": "pe, for_ns: it does not any more",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: done",
     "control_paths": "epoch, plants {name: on_path, open, unmoved or unseen}: which control loops this epoch closes",
-    "script_taken": "reason: what a script of the operator leads to is deployed, and stays",
+    "script_taken": "reason: a script of the operator is accepted: its configuration is deployed, and held",
     "script_refused": "reason: a script of the operator changes nothing",
     "script_ended": "reason: a script is held no longer",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
@@ -71,13 +73,14 @@ KINDS: Mapping[str, str] = {
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
-    "planned_ahead": "sentence: plans for single faults that are made behind a demo, for the next one",
+    "planned_ahead": "sentence: the demo makes plans for single faults while it flies; the next demo uses them",
+    "page": "address: where a browser on this computer finds the page of the demo",
     "orders": "flags: with these the operator's commands reach the manager of the demo",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "heartbeat": "late_ns, period_ns, of_spec_ns: how late processes run here, and the period that the demo flies with",
     "logs": "folder, kept: where the demo's processes write their logs, and whether they stay there",
     "outage": "function, from_ns, to_ns (null: not back yet), gathered: its outputs were not heard on the bus",
-    "outages": "functions, over, shortest_ns, longest_ns: the outages before it (gathered), for one line of the story",
+    "outages": "functions, over, shortest_ns, longest_ns: a summary of the gathered outages reported just before",
     "overtime": "awaited, at_most_s: the time of the demo is up, and it still waits for these",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw, what the manager was doing",
 }
@@ -92,100 +95,3 @@ def event(kind: str, now_ns: int, **data: Any) -> dict[str, Any]:
 def to_line(one: Mapping[str, Any]) -> str:
     """Encode an event as one line of JSON, without its line break."""
     return json.dumps(one, separators=(",", ":"), sort_keys=False)
-
-
-@dataclass(slots=True)
-class Snapshot:
-    """What a view shows: the state of the system after some events."""
-
-    spec: str = ""
-    epoch: int = 0
-    phase: str | None = None
-    pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
-    failed: list[str] = field(default_factory=list)  # latched elements
-    links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
-    lost_channels: dict[str, list[str]] = field(default_factory=dict)  # of replicated buses: the nodes that lack each
-    plan: dict[str, Any] = field(default_factory=dict)
-    stage: str = "starting"  # planning, preparing, activating, running
-    reconfigurations: list[dict[str, Any]] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-
-
-_STANDING = {
-    "pe_suspected": "suspect",
-    "pe_answered": "up",
-    "pe_lost": "down",
-    "pe_absent": "down",
-    "pe_heard_again": "returning",
-    "pe_joined": "up",
-}
-_STAGE = {
-    "plan_requested": "planning",
-    "epoch_prepared": "preparing",
-    "epoch_step": "activating",
-    "reconfigured": "running",
-    "plan_unchanged": "running",
-    "plan_kept": "running",
-    "stopped": "stopped",
-}
-
-
-def reduce(events: Iterable[Mapping[str, Any]], start: Snapshot | None = None) -> Snapshot:
-    """Fold events into a snapshot that goes on from `start`; kinds of a later version are ignored."""
-    view = Snapshot() if start is None else _copy(start)
-    for one in events:
-        _apply(view, one)
-    return view
-
-
-def _copy(view: Snapshot) -> Snapshot:
-    return replace(
-        view,
-        pes=dict(view.pes),
-        failed=list(view.failed),
-        links=dict(view.links),
-        lost_channels={channel: list(by) for channel, by in view.lost_channels.items()},
-        reconfigurations=list(view.reconfigurations),
-        problems=list(view.problems),
-    )
-
-
-def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
-    kind = one.get("event", "")
-    view.stage = _STAGE.get(kind, view.stage)
-    if kind in _STANDING:
-        view.pes[one["pe"]] = _STANDING[kind]
-    match kind:
-        case "manager_started":
-            view.spec, view.phase = one["spec"], one.get("phase")
-        case "fault_cleared":
-            view.failed = [element for element in view.failed if element != one["element"]]
-        case "link_limited" | "link_gone" | "link_back":
-            _apply_link(view, one)
-        case "channel_lost" | "channel_back":
-            _apply_channel(view, one)
-        case "phase_changed":
-            view.phase = one["phase"]
-        case "fault_reported" if one["element"] not in view.failed:
-            view.failed.append(one["element"])
-        case "plan_ready":
-            view.plan, view.phase = one["plan"], one["plan"].get("phase")
-        case "reconfigured":
-            view.epoch = one["epoch"]
-            view.reconfigurations.append(dict(one))
-        case "plan_failed" | "second_manager" | "pe_refused" | "bus_trouble":
-            view.problems.append(to_line(one))
-        case _:
-            pass
-
-
-def _apply_link(view: Snapshot, one: Mapping[str, Any]) -> None:
-    share = one.get("share", "100%" if one["event"] == "link_back" else "gone")
-    view.links.pop(one["bus"], None)
-    view.links |= {one["bus"]: share} if share != "100%" else {}
-
-
-def _apply_channel(view: Snapshot, one: Mapping[str, Any]) -> None:
-    lacking = [by for by in view.lost_channels.pop(one["channel"], []) if by != one["by"]]
-    lacking += [one["by"]] if one["event"] == "channel_lost" else []
-    view.lost_channels |= {one["channel"]: lacking} if lacking else {}

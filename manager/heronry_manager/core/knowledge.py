@@ -9,6 +9,7 @@ object, and look up in it at each call what is known now.
     deployment      what runs, what is being prepared, and what each PE reports that it runs
     advice          of a manager that only advises: its last advice
     following       what another manager, which is active, sends and does
+    held_outputs    which PEs hold exclusive outputs back
     script          the target of a script of the operator
     authenticity    with a key: what has been proven; else None
     details         what PEs store for people to read; it decides nothing, and it is not forgotten
@@ -20,6 +21,7 @@ from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.following import Following
 from heronry_manager.core.health import Health
+from heronry_manager.core.held_outputs import HeldOutputs
 from heronry_manager.core.held_script import HeldScript
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.mastership import Claim, Mastership
@@ -50,13 +52,14 @@ class Knowledge:
         self.following = Following(
             spec, turn, self.situation, self.exclusion, settings.window_ns, on_board=settings.on_board
         )
+        self.held_outputs = HeldOutputs(spec, turn, self.health, self.deployment)
         self.script = HeldScript(spec, turn)
         self.authenticity: Authenticity | None = None
         if key is not None:
             self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
 
     def _digest_of(self, epoch: int) -> int | None:
-        """Give the digest of an epoch of this manager, or of the one that was followed; None: it is not known."""
+        """Give the digest of an epoch of this manager, or of a manager that it followed; None: it is not known."""
         known = self.deployment.digest_of(epoch)
         return self.following.digest_of(epoch) if known is None else known
 

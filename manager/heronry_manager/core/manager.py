@@ -301,4 +301,5 @@ class ManagerCore:
             unknown_epoch=None if self._claim.state is Mastership.STANDBY else known.unknown_epoch(),
             authenticity=known.authenticity,
             details=self._details,
+            held=known.held_outputs,
         )

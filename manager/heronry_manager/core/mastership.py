@@ -100,6 +100,8 @@ class Claim:
         self._last_event: MastershipEvent | None = None
         self.listens_until_ns: int | None = turn.now_ns + self._lease_ns  # None: until a PE is heard, and longer
         self._goes_first = settings.goes_first
+        self._contradicted: tuple[int, int, int] | None = None  # by which manager and term, and when first
+        self._soon_ns = settings.bus.heartbeat_ns // 2
         self._refused_since_ns: int | None = None  # since when most PEs report that they hear no LEASE
         self._refusals = 0  # terms, one after the other, that have ended because most PEs heard no LEASE
         self._has_leapt = False  # only once, or a manager whose transmitter has failed would use up all terms
@@ -192,12 +194,26 @@ class Claim:
         if not (is_listening or is_double or lease.term > term):
             return False
         if not self._settings.standby:
-            self._retire(node, lease, is_double=is_double)
+            if is_listening or self._is_contradicted_again(node, lease.term):
+                self._retire(node, lease, is_double=is_double)
             return False
         if not is_listening:
             self._turn.emit("stepped_down", node=node, term=lease.term)
         self._move(MastershipEvent.STANDS_BY)
         return True
+
+    def _is_contradicted_again(self, node: int, term: int) -> bool:
+        """Tell whether a LEASE of this manager and term has come before: half a period ago or longer, within T_lease.
+
+        Without a key a single LEASE may be a recorded one, or a forged one; a manager that is active repeats it. With a
+        key one LEASE is enough, since it is proven.
+        """
+        now_ns, before = self._turn.now_ns, self._contradicted
+        is_same = before is not None and before[:2] == (node, term) and now_ns - before[2] <= self._lease_ns
+        if self._settings.key is not None or (before is not None and is_same and now_ns - before[2] >= self._soon_ns):
+            return True
+        self._contradicted = before if is_same else (node, term, now_ns)
+        return False
 
     def _retire(self, node: int, lease: Lease, *, is_double: bool) -> None:
         bus = self._settings.bus.name

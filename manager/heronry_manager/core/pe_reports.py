@@ -72,6 +72,7 @@ class PeReports:
             known.health.in_flight(self._turn.now_ns)
         known.following.state(pe, page)
         known.situation.suspicions.answered(pe)
+        known.held_outputs.reported(pe, page)
         cause = known.deployment.observe(pe, page)
         if self._settings.advise:
             self._replanning.look_at_what_runs()

@@ -46,6 +46,7 @@ class Planning:
         self.in_background = False  # whether the last request was one in the background
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
+        self.gathered: list[Cause] = []  # causes that the next request will take into account
 
     def ask(
         self,
@@ -56,6 +57,8 @@ class Planning:
         target: Configuration | None = None,
     ) -> None:
         """Request a plan for this situation, to be compared with the target of a script if there is one."""
+        self.causes += self.gathered
+        self.gathered.clear()
         if not in_background:
             self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
         if not self.causes:
@@ -80,7 +83,7 @@ class Planning:
     @property
     def idle(self) -> bool:
         """Tell whether no answer is awaited, no request will be repeated, and no change is on its way."""
-        return not self.is_owed and not self.causes
+        return not self.is_owed and not self.causes and not self.gathered
 
     def is_due_again(self) -> bool:
         """Tell whether it is time to make a failed request again."""
@@ -135,6 +138,7 @@ class Planning:
         """Drop the present request and its causes, because another manager plans now."""
         self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
+        self.gathered.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:
         """Drop these causes, because the running configuration takes them into account."""

@@ -122,7 +122,7 @@ class AskPlanner:
 
 @dataclass(frozen=True, slots=True)
 class PrePlan:
-    """Instruction: ask the pre-planner's process, which is idle; its answer has the same number."""
+    """Instruction: ask the pre-planner's process, which is idle; `PrePlannerAnswered` repeats the `number`."""
 
     number: int
     question: Question

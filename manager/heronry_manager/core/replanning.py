@@ -7,6 +7,7 @@
                   not better
     an epoch      that is completed drops its causes. If nothing else is under way, the optimal plan is requested in the
                   background, or the core reports that the configuration has settled (`Settled`)
+    a storm       of changes does not end what is under way without need: they are gathered (`storms`)
 
 Desired, commanded and observed stay apart: the plan is desired; `Deployment.current`, the last epoch whose ACTIVATE
 went out, is commanded; only state frames show what a PE runs.
@@ -37,6 +38,7 @@ from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.planning import Planning
 from heronry_manager.core.reconfiguration import Cause
 from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.storms import Storms
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 
@@ -49,20 +51,44 @@ class Replanning:
     ) -> None:
         self._settings, self._turn = settings, turn
         self._claim, self._known, self.planning = claim, known, planning
+        self._storms = Storms(settings.spec, turn)
 
     # The situation has changed
 
     def need(self, change: PlanNeeded) -> None:
-        """Abandon the epoch that is being prepared, and request a new plan as soon as possible."""
+        """Abandon the epoch that is being prepared, and request a new plan as soon as possible; not in a storm."""
         if self._claim.state is Mastership.STANDBY:
             return
         now_ns = self._turn.now_ns
         since_ns = now_ns if change.since_ns is None else change.since_ns
-        self.planning.causes.append(Cause(change.cause, now_ns, since_ns))
-        self._known.deployment.abandon(change.cause)
         self._known.script.situation_changed(self._known.situation.now(), change.cause)
+        cause = Cause(change.cause, now_ns, since_ns)
+        if self._finishes_first():
+            self._gather(cause)
+            return
+        self.planning.causes.append(cause)
+        if self._known.deployment.next is not None or self.planning.waiting:
+            self._storms.ended_one()
+        self._known.deployment.abandon(change.cause)
         if self._claim.state is not Mastership.LISTENING and not self._known.health.starting():
             self.ask()
+
+    def _finishes_first(self) -> bool:
+        """Tell whether a storm rages, and what is under way may be finished."""
+        if not self._storms.rages:
+            return False
+        opened = self._known.deployment.next
+        return self.planning.waiting if opened is None else self._may_finish(opened.configuration)
+
+    def _may_finish(self, wanted: Configuration) -> bool:
+        current = self._known.deployment.current
+        running = None if current is None else current.configuration
+        return self._storms.may_finish(self._known.situation.now(), wanted, running)
+
+    def _gather(self, cause: Cause) -> None:
+        """Keep a cause for the next request; of equal ones the first is kept."""
+        if all(one.what != cause.what for one in self.planning.gathered):
+            self.planning.gathered.append(cause)
 
     def limit(self, change: LimitChanged) -> None:
         """Act on a changed limit of a radio: request a plan, unless the running one is still the best."""
@@ -127,6 +153,9 @@ class Replanning:
         deployment = self._known.deployment
         if not self.planning.awaits(answer):
             return
+        if self.planning.gathered and not self._may_finish(answer.plan.configuration):
+            self._ask()
+            return
         answer = self._weighed(answer)
         if self.planning.keeps_to(deployment.plan, answer):
             self._settle()
@@ -137,6 +166,7 @@ class Replanning:
         if self._runs_already(answer.plan):
             self.planning.causes.clear()
             self._turn.emit("plan_unchanged", request=answer.request)
+            self._storms.over()
             self._settle()
         elif self._settings.advise:
             self._known.advice.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
@@ -173,7 +203,10 @@ class Replanning:
 
     def advance(self) -> None:
         """Move the epochs on, and drop the causes of a completed one."""
+        was_next = self._known.deployment.next
         done = self._known.deployment.advance()
+        if was_next is not None and self._known.deployment.next is None:
+            self._storms.over()
         if done is not None:
             self.planning.done(done.causes)
             self._settle()
@@ -211,6 +244,9 @@ class Replanning:
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
         if running is None or deployment.next is not None or self.planning.waiting:
+            return
+        if self.planning.gathered:
+            self.ask()
             return
         now = self._known.situation.now()
         may_improve = plan is not None and not plan.optimal and self._known.script.target is None

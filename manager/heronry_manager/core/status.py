@@ -10,7 +10,8 @@ A pure function of the parts of the core. The document is versioned; a later ver
                     Else null, also while the manager stands by
     pes             by name: state, why, epoch, runs (as in the PE's state frames), losses, held_down_for_ns, authentic
                     (null without a key; else is_believed, refused_states, and refused_commands as the PE reports them),
-                    standstills (as last read from the PE; null: not read yet)
+                    standstills (as last read from the PE; null: not read yet), held (null, or modules, why and for_ns:
+                    exclusive outputs that the PE holds back for longer than T_lease)
     priorities      changed ones, by function: priority, by ("operator" or "module")
     latched         list of element, by, code, detail, for_ns
     failures        last failure of each module, as its PE gives it: list of element, by, text, for_ns
@@ -34,6 +35,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.health import Health
+from heronry_manager.core.held_outputs import HeldOutputs
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.memory import PriorityChanged
 from heronry_manager.core.pe_details import PeDetails
@@ -54,6 +56,7 @@ def status(
     unknown_epoch: int | None,
     authenticity: Authenticity | None = None,
     details: PeDetails,
+    held: HeldOutputs,
 ) -> dict[str, Any]:
     """Build the document; `manager` is the part on the manager itself."""
     current, plan, now = deployment.current, deployment.plan, situation.now()
@@ -69,7 +72,11 @@ def status(
         "next": None if deployment.next is None else deployment.next.epoch,
         "unknown_epoch": unknown_epoch,
         "pes": {
-            pe: {**_pe(pe, now_ns, health, deployment, authenticity), "standstills": details.standstills(pe)}
+            pe: {
+                **_pe(pe, now_ns, health, deployment, authenticity),
+                "standstills": details.standstills(pe),
+                "held": held.status(pe),
+            }
             for pe in spec.pes
         },
         "latched": [

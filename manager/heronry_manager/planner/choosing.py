@@ -16,9 +16,8 @@ for each PE that follow from modules being indivisible, and takes longer to prep
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from ortools.sat.python.cp_model import OPTIMAL, CpModel, CpSolver, LinearExpr
-
 from heronry_manager.planner.candidates import Candidates
+from heronry_manager.planner.cp_sat import OPTIMAL, CpModel, CpSolver, LinearExpr
 from heronry_manager.planner.levels import Level, merged, serving_levels
 from heronry_manager.planner.placing import Choice, weighted
 from heronry_manager.planner.solver import light_solver

@@ -25,10 +25,9 @@ from fractions import Fraction
 from itertools import count
 from math import ceil, floor
 
-from ortools.sat.python.cp_model import CpModel, IntVar
-
 from heronry_dg.response_times import Late, ResponseTimes
 from heronry_dg.traffic import Hop
+from heronry_manager.planner.cp_sat import CpModel, IntVar
 from heronry_manager.planner.placing import Terms, weighted
 from heronry_manager.planner.publishing import MessageKey, Publishing
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message

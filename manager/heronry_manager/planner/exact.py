@@ -15,8 +15,6 @@ whether it is proven, or how good it could be. There is always a plan: at worst 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver
-
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, score_among
@@ -26,6 +24,7 @@ from heronry_dg.situation import Situation
 from heronry_dg.traffic import hops
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.choosing import PACKING_EFFORT, Choosing, Chosen
+from heronry_manager.planner.cp_sat import FEASIBLE, OPTIMAL, CpModel, CpSolver
 from heronry_manager.planner.deadlines import Deadlines
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.levels import Kind, Level, bounds_of, level_groups, merged

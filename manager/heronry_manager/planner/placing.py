@@ -10,10 +10,9 @@ host has no variable), 4 (at most one branch, and one end, of a DEMUX), 7 (CPU, 
 
 from collections.abc import Collection, Iterable, Iterator
 
-from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
-
 from heronry_dg.configuration import Configuration
 from heronry_manager.planner.candidates import Candidate, Candidates
+from heronry_manager.planner.cp_sat import CpModel, IntVar, LinearExpr
 
 Terms = list[tuple[IntVar, int]]
 

@@ -13,11 +13,10 @@ Bandwidth depends on the rate of the producer's mode: if its modes differ in rat
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
-from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
-
 from heronry_dg.situation import Survivors
 from heronry_dg.traffic import Hop, source_mbit_per_s
 from heronry_manager.planner.candidates import Candidates
+from heronry_manager.planner.cp_sat import CpModel, IntVar, LinearExpr
 from heronry_manager.planner.placing import Placing, Terms, weighted
 from heronry_manager.planner.wiring import Link, Wiring
 

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final
 
-from ortools.sat.python.cp_model import CpSolver
-
+from heronry_manager.planner.cp_sat import CpSolver
 from heronry_manager.planner.levels import Kind
 
 _SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}

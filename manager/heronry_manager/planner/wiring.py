@@ -16,12 +16,11 @@ module that it feeds. There are ranks only for modules on such circles (strongly
 
 from collections.abc import Iterable, Iterator
 
-from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
-
 from heronry_dg.configuration import Configuration
 from heronry_dg.cycles import components
 from heronry_dg.gates import Expression, Leaf, bounds, child_path
 from heronry_manager.planner.candidates import Candidates, Source
+from heronry_manager.planner.cp_sat import CpModel, IntVar, LinearExpr
 from heronry_manager.planner.placing import Choice
 
 Link = tuple[str, str, str]  # consumer, producer, variable

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from heronry_manager.core.vocabulary import AskTraceback
 from heronry_manager.shell.control_place import ControlError, checked_length, default_socket, found_sockets, user_beyond
-from heronry_manager.shell.control_protocol import Answer, Spoken, order_line, read_answer
+from heronry_manager.shell.control_protocol import Answer, Follow, Spoken, order_line, read_answer
 
 PATIENCE_S = 5.0  # a manager answers within a turn of its loop, if its process is not stopped
 
@@ -39,6 +39,28 @@ def call(path: Path, order: Spoken) -> Answer:
     if answer is None:
         raise ControlError(f"the process that answers on {path} is no manager of this version of heronry")
     return answer
+
+
+def follow(path: Path) -> socket.socket:
+    """Begin to read the events of the manager on a socket; raises ControlError if no manager of this user listens.
+
+    The socket gives JSON lines: a status, then events (`followers`); the caller closes it.
+    """
+    checked_length(path)
+    line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    line.settimeout(PATIENCE_S)
+    try:
+        line.connect(str(path))
+        _expect_own_process(line, path)
+        line.sendall(order_line(Follow()))
+    except ControlError:
+        line.close()
+        raise
+    except OSError:
+        line.close()
+        raise ControlError(f"no manager listens on {path}: start one with 'heronry manager SPEC'") from None
+    line.settimeout(None)
+    return line
 
 
 def find_socket(name: str | None) -> Path:

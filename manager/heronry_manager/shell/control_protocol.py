@@ -10,8 +10,9 @@
     {"v": 1, "do": "traceback", "what": "module:autopilot"}     {"v": 1, "done": true, "sentence": "Traceback ..."}
     {"v": 1, "do": "script", "what": "Guav.PruneEdges ();"}         the text of a script of component graphs
     {"v": 1, "do": "release"}                                       the script that is held
+    {"v": 1, "do": "follow"}                        a status, then every event: see `followers`
 
-Every request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
+Every other request has one reply, in the order of the requests. A line that cannot be read gets a reply that says why.
 """
 
 import json
@@ -44,6 +45,11 @@ class FlyScript:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """The caller wants to read the manager's events from now on, and gives no more orders."""
+
+
 Question = AskStatus | AskTraceback
 Spoken = EnterPhase | SetPriority | FailElement | ClearElement | UnlockPe | FlyScript | ReleaseTarget | Question
 """The orders on the line: as the core's, with the text of a script in the place of its target."""
@@ -58,6 +64,9 @@ _WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe
 }
 
 
+_BARE: Mapping[type, str] = {AskStatus: "status", ReleaseTarget: "release", Follow: "follow"}
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """A reply as it is sent."""
@@ -68,11 +77,11 @@ class Answer:
     is_unusable: bool = False  # the order names what the spec does not have
 
 
-def order_line(order: Spoken) -> bytes:
+def order_line(order: Spoken | Follow) -> bytes:
     """Encode a request."""
     match order:
-        case AskStatus():
-            return _line({"v": VERSION, "do": "status"})
+        case AskStatus() | ReleaseTarget() | Follow():
+            return _line({"v": VERSION, "do": _BARE[type(order)]})
         case EnterPhase(phase):
             return _line({"v": VERSION, "do": "phase", "what": phase})
         case SetPriority(function, priority):
@@ -87,11 +96,9 @@ def order_line(order: Spoken) -> bytes:
             return _line({"v": VERSION, "do": "traceback", "what": element})
         case FlyScript(text):
             return _line({"v": VERSION, "do": "script", "what": text})
-        case ReleaseTarget():
-            return _line({"v": VERSION, "do": "release"})
 
 
-def read_order(line: bytes) -> Spoken | str:
+def read_order(line: bytes) -> Spoken | Follow | str:
     """Decode a request; gives a sentence on what is wrong if it is not one."""
     match _fields(line):
         case {"v": int(version)} if version != VERSION:
@@ -102,6 +109,8 @@ def read_order(line: bytes) -> Spoken | str:
             return SetPriority(what, priority)
         case {"v": _, "do": "release"}:
             return ReleaseTarget()
+        case {"v": _, "do": "follow"}:
+            return Follow()
         case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
             return _WITH_WHAT[do](what)
         case _:
@@ -117,14 +126,33 @@ def answer_line(answer: Answer) -> bytes:
 
 
 def read_answer(line: bytes) -> Answer | None:
-    """Decode a reply; None if the line is not one."""
+    """Decode a reply; None if the line is not one.
+
+    Characters that would control a terminal are escaped: an answer is data, from any process.
+    """
     match _fields(line):
         case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:
             status = rest.get("status")
             is_unusable = rest.get("unusable") is True
-            return Answer(done, sentence, status if isinstance(status, dict) else None, is_unusable)
+            harmless = _harmless(status) if isinstance(status, dict) else None
+            return Answer(done, _harmless(sentence), harmless, is_unusable)
         case _:
             return None
+
+
+def _harmless(value: Any) -> Any:
+    """Give a value in which every text can be printed: line breaks and tabs stay, control characters are escaped."""
+    match value:
+        case str():
+            if value.isprintable():
+                return value
+            return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in value)
+        case dict():
+            return {_harmless(key): _harmless(one) for key, one in value.items()}
+        case list():
+            return [_harmless(one) for one in value]
+        case _:
+            return value
 
 
 def _line(fields: Mapping[str, object]) -> bytes:

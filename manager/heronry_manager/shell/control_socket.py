@@ -5,11 +5,16 @@ releases it however the process ends. A manager that gets the lock replaces a so
 behind. A second manager does not get the lock, and stops with an error. Only the manager's user and root can open the
 socket. The kernel names the user of each caller, and callers of any other user are dropped.
 
-A caller that sends too much without a line break, or does not read its answer, is dropped; so is a caller beyond
-MOST_CALLERS. Other callers are not affected.
+A caller that wants to follow the manager's events (`followers`) gives no more orders, and counts with the followers.
+
+A caller that sends too much without a line break, or does not read its answer, is dropped. Where MOST_CALLERS are
+there, or the process has no descriptor left, the caller that has been idle for longest makes room for a new one; only
+where every caller waits for an answer is the new one dropped. One descriptor is reserved for that: a caller that cannot
+be accepted would stay in the queue, and the loop would be called for it without end.
 """
 
 import contextlib
+import errno
 import fcntl
 import os
 import select
@@ -20,7 +25,15 @@ from typing import IO, Self
 
 from heronry_manager.core.vocabulary import OperatorSaid, Reply
 from heronry_manager.shell.control_place import ControlError, checked_length, listening_folder, user_beyond
-from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, FlyScript, answer_line, read_order
+from heronry_manager.shell.control_protocol import (
+    LONGEST_ORDER_BYTES,
+    Answer,
+    FlyScript,
+    Follow,
+    answer_line,
+    read_order,
+)
+from heronry_manager.shell.followers import Followers
 from heronry_manager.shell.script_orders import ScriptSaid
 
 MOST_CALLERS = 16
@@ -32,10 +45,13 @@ class ControlSocket:
     def __init__(self, path: Path) -> None:
         """Listen on `path`; raises ControlError if another manager listens there, or the path cannot be used."""
         self.path = checked_length(path)
+        self.followers = Followers()
         self._lock = _locked(listening_folder(path) / f"{path.name}.lock")
         self._callers: dict[socket.socket, bytes] = {}  # caller -> the part of its next line that has come
         self._awaiting_answer: dict[int, socket.socket] = {}
         self._number = 0
+        self._reserve: int | None = None  # a descriptor
+        self._reserve_again()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._listen()
@@ -54,7 +70,7 @@ class ControlSocket:
 
     def readers(self) -> list[socket.socket]:
         """Give the objects that an event loop must watch: if one of them is readable, `poll` has something to do."""
-        return [self._listener, *self._callers]
+        return [self._listener, *self._callers, *self.followers.readers()]
 
     def poll(self) -> list[OperatorSaid | ScriptSaid]:
         """Return the orders that have arrived, without waiting; a line that is no order is answered immediately."""
@@ -63,8 +79,10 @@ class ControlSocket:
         for one in ready:
             if one is self._listener:
                 self._let_in()
-            else:
+            elif one in self._callers:
                 said += self._hear(one)
+            else:
+                self.followers.heard(one)  # nothing, if it is a caller that has made room for another one just now
         return said
 
     def answer(self, reply: Reply) -> None:
@@ -75,9 +93,13 @@ class ControlSocket:
 
     def close(self) -> None:
         """Close the socket and every call, and release the lock."""
+        self.followers.close()
         for one in self.readers():
             one.close()
         self._callers.clear()
+        if self._reserve is not None:
+            os.close(self._reserve)
+            self._reserve = None
         self._lock.close()
 
     def _listen(self) -> None:
@@ -92,21 +114,51 @@ class ControlSocket:
 
     def _let_in(self) -> None:
         with contextlib.suppress(OSError):  # the caller may have hung up already
-            caller, _ = self._listener.accept()
+            caller = self._accept()
             caller.setblocking(False)
-            if user_beyond(caller) in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
+            self._reserve_again()
+            if user_beyond(caller) in (0, os.getuid()) and self._has_room():
                 self._callers[caller] = b""
             else:
                 caller.close()
+        self._reserve_again()
+
+    def _reserve_again(self) -> None:
+        if self._reserve is None:
+            with contextlib.suppress(OSError):
+                self._reserve = os.open(os.devnull, os.O_RDONLY)
+
+    def _accept(self) -> socket.socket:
+        """Accept a caller; if there is no descriptor left for it, it gets the reserved one."""
+        try:
+            return self._listener.accept()[0]
+        except OSError as error:
+            if error.errno not in (errno.EMFILE, errno.ENFILE) or self._reserve is None:
+                raise
+        os.close(self._reserve)
+        self._reserve = None
+        return self._listener.accept()[0]
+
+    def _has_room(self) -> bool:
+        """Tell whether there is room for one more caller, if needed after dropping the one idle for longest."""
+        if len(self._callers) < MOST_CALLERS and self._reserve is not None:
+            return True
+        waiting = self._awaiting_answer.values()
+        idle = next((caller for caller in self._callers if caller not in waiting), None)
+        if idle is not None:
+            self._drop(idle)
+        return idle is not None
 
     def _hear(self, caller: socket.socket) -> list[OperatorSaid | ScriptSaid]:
         try:
             chunk = caller.recv(LONGEST_ORDER_BYTES)
         except OSError:
             chunk = b""
-        *lines, rest = (self._callers[caller] + chunk).split(b"\n")
-        self._callers[caller] = rest
+        *lines, rest = (self._callers.pop(caller) + chunk).split(b"\n")
+        self._callers[caller] = rest  # the last one: it was heard last
         said = [one for line in lines if (one := self._understood(caller, line)) is not None]
+        if caller not in self._callers:  # it follows from now on
+            return said
         if not chunk or len(rest) > LONGEST_ORDER_BYTES:
             self._drop(caller)
         return said
@@ -116,11 +168,21 @@ class ControlSocket:
         if isinstance(order, str):
             self._tell(caller, Answer(done=False, sentence=order, is_unusable=True))
             return None
+        if isinstance(order, Follow):
+            self._follow(caller)
+            return None
         self._number += 1
         self._awaiting_answer[self._number] = caller
         if isinstance(order, FlyScript):
             return ScriptSaid(self._number, order)
         return OperatorSaid(self._number, order)
+
+    def _follow(self, caller: socket.socket) -> None:
+        """Hand a caller over to the followers; the answers that it still awaits are lost."""
+        if self.followers.take(caller):
+            del self._callers[caller]
+        else:
+            self._tell(caller, Answer(done=False, sentence="too many readers follow this manager already"))
 
     def _tell(self, caller: socket.socket, answer: Answer) -> None:
         line = answer_line(answer)

@@ -18,12 +18,12 @@ import select
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.core.events import event
+from heronry_manager.core.events import VERSION, event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import (
     AliveLeft,
@@ -80,10 +80,15 @@ class ManagerDriver:
         service: ServiceManager,
         spec: Spec,
         emit: Emitter,
+        place: Mapping[str, Any],
     ) -> None:
-        """`emit` is called with every event as it happens; without a journal nothing survives a restart."""
+        """`emit` is called with every event as it happens; without a journal nothing survives a restart.
+
+        place: where this manager flies, told to those who follow it: its bus, the file of its spec.
+        """
         self._core, self._link, self._planners, self._control = core, link, planners, control
-        self._emit, self._service, self._journal, self._spec = emit, service, journal, spec
+        self._service, self._journal, self._spec = service, journal, spec
+        self._tell_stream, self._place = emit, place
         self._plants = Plants(spec)
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # how far the core's clock is behind
@@ -105,7 +110,7 @@ class ManagerDriver:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]
             self._meter.waits(self._core_due_ns())
-            ready, _, _ = select.select(readers, [], [], self._wait_s())
+            ready, _, _ = select.select(readers, self._control.followers.writers(), [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
             self._measure_lateness(time.monotonic_ns())
@@ -121,7 +126,25 @@ class ManagerDriver:
             self._link.pump(time.monotonic_ns())
             self._look_at_link()
             self._look_after_journal()
+            self._control.followers.pump(self._status)
         return self._stop_reason
+
+    def _emit(self, told: dict[str, Any]) -> None:
+        """Give an event to the stream of this process, and to those who follow the manager."""
+        self._tell_stream(told)
+        self._control.followers.tell(told)
+
+    def _status(self) -> dict[str, Any]:
+        """Make the line with which a follower begins: all that is known now."""
+        plan = self._core.plan
+        return {
+            "v": VERSION,
+            "t_ns": self._now_ns(),
+            "event": "status",
+            "status": {**self._core.status(), **self._plants.status(plan)},
+            "plan": None if plan is None else plan.document(),
+            **self._place,
+        }
 
     def _look_after_journal(self) -> None:
         """Sync the journal to the disk once every frame is out; report to the core when a problem begins and ends."""
@@ -206,6 +229,7 @@ class ManagerDriver:
                     follows = self._plants.after(told, self._core.plan)
                     if follows is not None:
                         self._emit(follows)
+                    self._tell_what_runs(told)
                 case Keep(record):
                     if self._journal is not None:
                         self._journal.write(record)
@@ -215,6 +239,13 @@ class ManagerDriver:
                     self._stop_reason = reason
         for known in answers:
             self._step(known)
+
+    def _tell_what_runs(self, told: Mapping[str, Any]) -> None:
+        """Give the followers the plan of an epoch that runs from now on; they may have begun after it was ready."""
+        plan = self._core.plan
+        if told["event"] in ("reconfigured", "adopted") and plan is not None:
+            runs = {"epoch": told["epoch"], "plan": plan.document()}
+            self._control.followers.tell({"v": VERSION, "t_ns": told["t_ns"], "event": "runs", **runs})
 
     def _answer(self, reply: Reply) -> None:
         if reply.status is not None:

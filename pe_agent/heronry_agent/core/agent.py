@@ -91,7 +91,9 @@ class AgentCore:
         self._turn = turn
         self.lease_ns = index.lease_ns  # T_lease
         mastership = self.mastership = Mastership(index.leased_ns)
-        output_authorization = self.output_authorization = OutputAuthorization(index.lease_ns)
+        output_authorization = self.output_authorization = OutputAuthorization(
+            index.lease_ns, has_key=secret is not None
+        )
         reconfiguration = self.reconfiguration = Reconfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
         modules = self.modules = RunningModules(turn, index, reconfiguration, output_authorization)
@@ -100,7 +102,16 @@ class AgentCore:
         facts, pending = condition.facts, modules.faults.messages
         authenticity = None
         if secret is not None:
-            authenticity = Authenticity(turn, index, mastership, gateway, facts=facts, pending=pending, secret=secret)
+            authenticity = Authenticity(
+                turn,
+                index,
+                mastership,
+                gateway,
+                facts=facts,
+                pending=pending,
+                secret=secret,
+                saw_epoch=lambda epoch: output_authorization.saw_epoch(epoch, reconfiguration.running.epoch),
+            )
         self.authenticity = authenticity
         acceptance = CommandAcceptance(
             turn,

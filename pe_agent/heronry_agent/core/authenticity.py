@@ -10,8 +10,10 @@ nonce (page 2), and the manager answers with a WELCOME whose tag covers that non
 commands of this manager have from then on. The PE sends a nonce, once in a heartbeat period, while it hears a manager
 that has not welcomed it. This is so in three cases: after a restart of either side; after a takeover by the standby
 manager; and when the PE has missed so many commands that no number fits any more, and has accepted no command for
-T_lease. Only the active manager sends a WELCOME. The WELCOME names a term as any command does, so from then on commands
-of the previous manager are refused.
+T_lease. A PE that has a session with its manager, and has accepted a command within T_lease, sends no nonce because of
+commands that it cannot verify, since any node can send these; a LEASE or ACTIVATE of a higher term whose tag the key
+has made is the exception. Only the active manager sends a WELCOME. The WELCOME names a term as any command does, so
+from then on commands of the previous manager are refused.
 
 A *session*. The number of the WELCOME also identifies the session under which the states of this PE are tagged from now
 on; a manager uses no number twice in a term. A manager of a new term has no session with this PE until it has welcomed
@@ -19,6 +21,11 @@ the PE. Pages 0 and 1 on the uplink carry the tag; on other ports, and without a
 
 An *EMCY* is authenticated by the next page 0: the tag of the page covers one pending EMCY; if several are pending, the
 pages cover them in turn. A new EMCY causes an immediate page 0, so authentication takes no extra time.
+
+A command of a manager that has not welcomed this PE is not executed, but if the key made its tag, it is evidence: a
+LEASE or ACTIVATE shows that its epoch was activated. It may be old, and then its epoch is old, too; so it can only show
+that this PE was replaced (`output_authorization`). A PE whose transmitter has failed can get no WELCOME from a new
+manager, and depends on this.
 
 A *lock*. NMT commands and SDO downloads are refused until the active manager sends UNLOCK to this PE, and again after
 the time that UNLOCK gives. While the lock is open any node can send SDO requests, since the bus does not show their
@@ -48,7 +55,19 @@ from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, classify, management_id, state_id
-from heronry_wire.management import WELCOME_KIND, Control, Operation, control_node, is_welcome, tag_kind
+from heronry_wire.management import (
+    NO_EPOCH,
+    WELCOME_KIND,
+    Activate,
+    Control,
+    Lease,
+    Operation,
+    Step,
+    control_node,
+    decode_command,
+    is_welcome,
+    tag_kind,
+)
 from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Received, Send
 from heronry_wire.state_frames import StatePage2, StatePage3
@@ -80,14 +99,19 @@ class Authenticity:
         facts: Callable[[], Facts],
         pending: Callable[[], Sequence[bytes]],
         secret: Secret,
+        saw_epoch: Callable[[int], None] = lambda _: None,
     ) -> None:
-        """facts: gives what the state frames report now. pending: gives every EMCY that waits to be acknowledged."""
+        """facts: gives what the state frames report now. pending: gives every EMCY that waits to be acknowledged.
+
+        saw_epoch: called with an epoch that a manager has certainly activated, now or once.
+        """
         self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
         self._states = StateSeal(index.node, secret.key, mastership, pending)
-        self._nonces = Nonces(secret.salt, index.lease_ns, turn.now_ns)
+        self._nonces = Nonces(secret.key, index.node, secret.salt, serves_ns=index.lease_ns, now_ns=turn.now_ns)
+        self._saw_epoch = saw_epoch
         self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
         self._requested_ns: int | None = None
         self._believed_ns = turn.now_ns  # when a command was last accepted
@@ -145,6 +169,7 @@ class Authenticity:
         if event.port != self._index.uplink:
             turn.count("command from beyond", tag.can_id)
             return
+        succeeds = manager not in self._verifier.places and self._succeeds(manager, tag.data)
         may_pass = self._passing.wait() and tag_kind(tag.data) == WELCOME_KIND
         nonce = self._nonces.good(turn.now_ns)
         found = self._verifier.tagged(manager, tag.data, turn.arrived_ns, nonce, is_counted=not may_pass)
@@ -154,9 +179,26 @@ class Authenticity:
             self._passing.tagged(tag)
         else:
             turn.count(found.value, tag.can_id)
-            is_lost = found is Refusal.UNPROVEN and turn.now_ns - self._believed_ns > self._index.lease_ns
-            if is_lost or found is Refusal.UNKNOWN:
+            if found in (Refusal.UNPROVEN, Refusal.UNKNOWN) and (succeeds or not self._is_led()):
                 self._request_welcome()
+
+    def _is_led(self) -> bool:
+        """Tell whether the active manager has a session with this PE, and has commanded it within T_lease."""
+        is_recent = self._turn.now_ns - self._believed_ns <= self._index.lease_ns
+        return is_recent and self._states.session is not None
+
+    def _succeeds(self, manager: int, tag: bytes) -> bool:
+        """Tell whether a manager that has not welcomed this PE is certainly a newer one than the active manager.
+
+        If its command shows that an epoch was activated, that is evidence against this PE.
+        """
+        seen = self._verifier.recognized(manager, tag)
+        order = None if seen is None else decode_command(seen.command, seen.event.frame.data)
+        if not isinstance(order, Lease | Activate):
+            return False
+        if order.step is not Step.PREPARED and order.epoch != NO_EPOCH:
+            self._saw_epoch(order.epoch)
+        return order.term > self._mastership.term
 
     def _believe(self, manager: int, found: Held, tag: Frame) -> None:
         """Hand a verified command to its handler; if the command is forwarded, its TAG follows it."""

@@ -149,7 +149,7 @@ class Inbound:
                 self._output_authorization.heard(self._turn.arrived_ns)
             epoch, running = epoch_of(data), self._reconfiguration.running.epoch
             if epoch != running:
-                self._output_authorization.saw_epoch(epoch, running)
+                self._output_authorization.neighbour_runs(epoch, running)
         if event.port != self._index.uplink:
             self._from_beyond(event)
 

@@ -39,9 +39,16 @@ eighth or more after the last PING. When a frame ends (a), (c) or (d), frames th
 withdrawn (`revoked`): a PE whose transmission failed has been replaced, and must not send them when its transmission
 works again.
 
-A lost, late or doubled frame can only withdraw an authorization, never give one. A forged LEASE or state frame can hold
-the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may run elsewhere.
-Only a forged ALIVE could release outputs, so the management protocol must be protected.
+A lost, late or doubled frame can only withdraw an authorization, never give one. Without a key a forged LEASE or state
+frame can hold the outputs back until the next true LEASE, and forged PINGs can hold back the frames of modules that may
+run elsewhere. Only a forged ALIVE could release outputs, so the management protocol must be protected.
+
+With a key the evidence for (c) is proven: a LEASE or ACTIVATE that is accepted, or one whose tag the key has made
+(`authenticity`). The states of neighbours are not proven, and do not count, since nobody else can have been given the
+outputs of a PE that has heard other nodes all the time without a manager having said so on the bus it hears: first an
+ALIVE that leaves it out, T_lease later the LEASE of the newer epoch, and both in every period. After a silence longer
+than T_lease this PE may have missed all of that, so the states of neighbours count until an ALIVE that names it ends
+the doubt. A forger cannot cause that silence: every frame that it sends is heard.
 """
 
 from collections.abc import Callable
@@ -53,8 +60,9 @@ from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 class OutputAuthorization:
     """The four conditions of one PE, computed from the frames that it has received."""
 
-    def __init__(self, lease_ns: int) -> None:
-        """lease_ns: T_lease, the time within which another node must be heard."""
+    def __init__(self, lease_ns: int, *, has_key: bool = False) -> None:
+        """lease_ns: T_lease, the time within which another node must be heard. has_key: commands are proven."""
+        self._has_key = has_key
         self.revoked: Callable[[], None] = _withdraw_nothing  # called when a frame has ended an authorization
         self._lease_ns = lease_ns
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
@@ -142,11 +150,13 @@ class OutputAuthorization:
         if not was_clashed:
             self.revoked()
 
-    def saw_epoch(self, epoch: int, running: int) -> None:
-        """Note an epoch that another node runs or a manager has activated.
+    def neighbour_runs(self, epoch: int, running: int) -> None:
+        """Note an epoch that the state of another PE names; with a key it counts only after a silence."""
+        if not self._has_key or self._doubted_ns is not None:
+            self.saw_epoch(epoch, running)
 
-        If it is newer than `running`, this PE is overtaken.
-        """
+    def saw_epoch(self, epoch: int, running: int) -> None:
+        """Note an epoch that was activated; if it is newer than `running`, this PE is overtaken."""
         if is_newer(epoch, running):
             self._overtake()
 

@@ -1,9 +1,10 @@
 """How a PE with a key authenticates its states to its manager: sessions, and the tag of each page (protocol rule 11).
 
 A manager that has welcomed this PE has a session with it, under the number of the WELCOME; a manager uses no number
-twice. Only the session with the active manager is used; without one, pages carry the tag 0. Pages 0 are numbered within
-a session. The page shows only the lowest byte of its number, so the number at the begin of a session is rounded down to
-a multiple of 256.
+twice. A further WELCOME in the same term changes no session: a PE that was made to ask once more, by frames that prove
+nothing, goes on in the session that its manager knows. RENEW ends a session. Only the session with the active manager
+is used; without one, pages carry the tag 0. Pages 0 are numbered within a session. The page shows only the lowest byte
+of its number, so the number at the begin of a session is rounded down to a multiple of 256.
 
 The tag of a page 0 also covers one EMCY that waits to be acknowledged; if there are several, the pages cover them in
 turn.
@@ -31,7 +32,10 @@ class StateSeal:
         return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
-        """Begin a session with a manager, which ends the previous session with that manager."""
+        """Begin a session with a manager, unless there is one in this term."""
+        session = self._sessions.get(manager)
+        if session is not None and session.term == term:
+            return
         self._sessions[manager] = Session(manager, term, counter)
         self._first_beat = None
 

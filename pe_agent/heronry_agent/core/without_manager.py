@@ -9,13 +9,14 @@ from it. So a resting PE does not affect other PEs: no PE starts a module in its
 state frames still report the same state, epoch and digest, since the PE still has the same configuration, of which only
 a part runs; only the load in page 1 falls.
 
-A LEASE that names the configuration which runs here ends the rest: it shows that no other configuration has been
-activated. A new configuration starts its modules in any case. A LEASE that names another configuration, or none, starts
-nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output still needs its authorization.
+A LEASE that names the configuration which runs here starts the stopped modules again: it shows that no other
+configuration has been activated. A new configuration starts its modules in any case. A LEASE that names another
+configuration, or none, starts nothing: its manager will decide. Protocol rule 6 applies throughout: an exclusive output
+still needs its authorization.
 
-One LEASE within T_lease is enough, so single ones may be lost or late. After a pause of the process the frames that
-waited are taken before the deadline, so a LEASE that came in the pause counts. A forged LEASE can only start modules of
-the present configuration. After a restart the PE runs nothing.
+One LEASE within T_lease is enough, so single ones may be lost or late. After a pause of the process, the frames that
+came in the pause are handled before the deadline of the lease is checked, so a LEASE among them counts. A forged LEASE
+can only start modules of the present configuration. After a restart the PE runs nothing.
 """
 
 from heronry_agent.core.mastership import Mastership

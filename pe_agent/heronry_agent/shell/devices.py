@@ -50,7 +50,8 @@ def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
 def open_drivers(table: PeTable, origin_ns: int, name: str = PLANT) -> dict[str, DeviceDriver]:
     """Start the drivers that the modules of a table need, and give them by device; raises DeviceDriverError.
 
-    origin_ns: take-off time of the simulated flight, on the monotonic clock. name: of the driver of every device.
+    origin_ns: take-off time of the simulated flight, on the monotonic clock. name: the device driver to use for every
+    device.
     """
     names = {module.device: name for module in table.modules if module.device is not None}
     made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}

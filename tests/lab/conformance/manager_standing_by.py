@@ -503,13 +503,13 @@ class _KeyedPe:
         self.states = ProvenStates(pe.node, KEY)
         self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
         self.stride = 1  # from the number of one page 0 to the next: more is as if some were lost
-        self._manager, self._pe, self._nonce = manager, pe, 0x1234 + pe.node
+        self._manager, self._pe, self._nonce = manager, pe, 0x1234 + pe.node  # as drawn
         pe.say = self._say
         manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
 
     def _ask(self) -> None:
         if self.states.session is None and self.asks and self._pe.speaks:
-            page = StatePage2(self._pe.state, PeFlags(0), self._nonce)
+            page = StatePage2(self._pe.state, PeFlags(0), KEY.nonce(self._pe.node, self._nonce))
             self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
         self._manager.clock.at(self._manager.now_ns + PERIOD_NS, self._ask)
 
@@ -591,11 +591,11 @@ def a_state_counts_when_it_is_proven() -> None:
 
 
 def a_nonce_is_answered_once_in_a_period() -> None:
-    """A nonce is answered once in a period, however often it is sent; the nonce 0 is never answered."""
+    """A nonce is answered once in a period, however often it is sent; 0, or one without its own tag, never is."""
     manager, provers = _keyed()
     provers["tail_b"].asks = False
     manager.run(300)
-    for nonce, most in ((0, 0), (77, 1)):
+    for nonce, most in ((0, 0), (77, 0), (KEY.nonce(93, 77), 0), (KEY.nonce(94, 77), 1)):
         began_ns = manager.now_ns
         for _ in range(4):
             page = StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce)

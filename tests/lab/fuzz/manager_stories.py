@@ -129,7 +129,9 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
             case 12:
                 self._other_manager(node, story)
             case 13:
-                self.hear(Frame(state_id(node), StatePage2(PeState.ACTIVE, PeFlags(0), story.number(1 << 16)).encode()))
+                drawn = story.number(1 << 16)
+                nonce = KEY.nonce(node, drawn) if drawn % 2 else drawn
+                self.hear(Frame(state_id(node), StatePage2(PeState.ACTIVE, PeFlags(0), nonce).encode()))
             case 14:
                 self.give(JournalTold("the disk is full" if story.number(2) else None))
             case _:

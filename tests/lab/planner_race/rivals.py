@@ -18,13 +18,12 @@ from importlib.util import find_spec
 from types import TracebackType
 from typing import Self
 
-from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver, LinearExpr
-
 from heronry_dg.configuration import Configuration
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import hops
 from heronry_manager.planner.candidates import candidates
+from heronry_manager.planner.cp_sat import FEASIBLE, OPTIMAL, CpModel, CpSolver, LinearExpr
 from heronry_manager.planner.deadlines import deadline_conflicts
 from lab.planner_race.milp import Milp, Terms
 

@@ -2,10 +2,11 @@
 
 import pytest
 
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_tools.console.spec_argument import load_spec
 from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
-from lab.attack import Attacked, main, management_load
+from lab.attack import Attacked, denied, main, management_load
 
 
 def test_no_attack_is_accepted_and_each_is_counted() -> None:
@@ -47,3 +48,13 @@ def test_the_command_prints_its_figures(capsys: pytest.CaptureFixture[str]) -> N
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["forged", "100", "attacks,", "0", "accepted", "or", "not", "counted"]
     assert lines[-1].startswith("can0: commands take ")
+
+
+def test_no_forger_silences_a_function_and_a_credulous_pe_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = load_spec("dg_specs/examples/demux_actuators.dg.yaml")
+    quiet_ms, ended = denied(spec, 5, 1, None)
+    assert (quiet_ms < 60, ended) == (True, 0)
+    assert denied(spec, 5, 1, "forged_epoch", 9) <= (quiet_ms + 50, 0)
+    monkeypatch.setattr(OutputAuthorization, "neighbour_runs", OutputAuthorization.saw_epoch)
+    silent_ms, _ = denied(spec, 5, 1, "forged_epoch", 9)
+    assert silent_ms > quiet_ms + 50

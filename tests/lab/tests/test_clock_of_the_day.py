@@ -23,6 +23,8 @@ READERS = {
     "heronry_tools/runtime/demo/run.py": "dates of the record",
     "heronry_tools/runtime/softbus/client.py": "dates of frames, for other programs of python-can",
     "heronry_tools/runtime/softbus/hub.py": "dates of frames, for other programs of python-can",
+    "heronry_tools/watch/export/mf4_file.py": "the date in the head of a measurement file",
+    "heronry_tools/watch/recorder.py": "the dates of recorded frames, as candump writes them",
     "heronry_tools/sim/compiled/machine_code.py": "the age of files that are kept between runs",
 }
 

@@ -67,18 +67,19 @@ def _source(text: str) -> Source:
 
 
 def contingencies_of(
-    spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None
+    spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None, workers: int | None = None
 ) -> "Contingencies | None":
     """Give the plans made ahead for a spec, made now if needed; None where none are wanted, or none can be made.
 
     before_making: called before planning, which takes minutes; it may raise an error that the user should see first.
+    workers: processes that plan; None: one for each processor, where there are many plans to make.
     Raises ContingencyFileError for a file that is not of this spec, OSError for a file that cannot be read.
     """
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
 
     if isinstance(source, Path):
         return read_contingencies(source, spec)
-    return None if source is Ahead.NOTHING else _single_faults(spec, before_making)
+    return None if source is Ahead.NOTHING else _single_faults(spec, before_making, workers)
 
 
 def kept_contingencies(spec: "Spec") -> "Contingencies | None":
@@ -118,7 +119,7 @@ def _solver() -> str | None:
         return None
 
 
-def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Contingencies | None":
+def _single_faults(spec: "Spec", before_making: Callable[[], None], workers: int | None) -> "Contingencies | None":
     if not can_plan_ahead():
         return None
     file = _kept_in(spec)
@@ -127,7 +128,7 @@ def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Continge
         return kept
     before_making()
     try:
-        return _made(spec, file)
+        return _made(spec, file, workers)
     except OSError as error:
         why = f"{file.parent} cannot be written ({error.strerror}); set XDG_CACHE_HOME to a folder of yours"
     except HeronryError as error:
@@ -166,7 +167,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
     return None
 
 
-def _made(spec: "Spec", file: Path) -> "Contingencies":
+def _made(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
     """Make the file, unless another process has made it while this process waited."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "lock").open("w") as lock:
@@ -175,17 +176,17 @@ def _made(spec: "Spec", file: Path) -> "Contingencies":
         except BlockingIOError:
             _say("waiting for another process that plans ahead")
             fcntl.flock(lock, fcntl.LOCK_EX)
-        return _kept(spec, file) or _make(spec, file)
+        return _kept(spec, file) or _make(spec, file, workers)
 
 
-def _make(spec: "Spec", file: Path) -> "Contingencies":
+def _make(spec: "Spec", file: Path, workers: int | None) -> "Contingencies":
     from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
     from heronry_tools.analysis.campaign.scope import cpus  # noqa: PLC0415
     from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
 
     count = questions(spec)
     _say(f"planning {spec.name} ahead for every single fault, once ({count} plans, and those of places in use)")
-    with crew(cpus() if count > _QUESTIONS_FOR_A_CREW else 1) as executor:
+    with crew(workers or (cpus() if count > _QUESTIONS_FOR_A_CREW else 1)) as executor:
         return sweep_into(file, spec, _scope(spec), executor).made
 
 

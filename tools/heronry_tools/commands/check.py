@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.output import JSON, Forms, add_output
+from heronry_tools.console.spec_argument import FLOWN
 from heronry_wire.errors import HeronryError
 
 if TYPE_CHECKING:
@@ -182,7 +183,8 @@ def _shipped(text: str) -> Path | None:
     """Give the path of the shipped spec of this name; None for other names, and where a file has this name."""
     from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
 
-    return shipped_spec_path(text) if not Path(text).exists() and text in shipped_spec_names() else None
+    is_shipped = text in (*shipped_spec_names(), *FLOWN) and not Path(text).exists()
+    return shipped_spec_path(text) if is_shipped else None
 
 
 def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "Assessed":

@@ -1,13 +1,12 @@
 """`heronry demo`: the whole system as real processes, and the story of its events."""
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from heronry_tools.analysis.made_ahead import add_contingencies_argument
-from heronry_tools.runtime.demo import DEFAULT_SECONDS
-
-LONGEST_SECONDS = 1_000_000.0
+from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 
 _EPILOG = """\
 examples:
@@ -21,6 +20,7 @@ examples:
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
   heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
   heronry demo --kill manager@5                       a standby manager runs, and takes over
+  heronry demo --web                                  and watch it in a browser, until Ctrl-C
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 
 Times are in seconds after the first configuration runs. Ctrl-C ends the demo; no process is left behind.
@@ -76,6 +76,11 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="the key file from 'heronry key', for the manager and every PE"
     )
+    parser.add_argument(
+        "--web",
+        action="store_true",
+        help="also serve a page for a browser on this computer, and print its address; the demo goes on until Ctrl-C",
+    )
     parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines instead of the story")
     parser.add_argument(
         "--bus",
@@ -102,4 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demo; returns 0 if at the end every function that the plan serves is heard on the bus."""
     from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
 
+    for name in ("starlette", "uvicorn") if arguments.web else ():
+        if find_spec(name) is None:  # the page is a process of its own, which would say it later
+            raise ModuleNotFoundError(name=name)
     return play(arguments)

@@ -44,7 +44,9 @@ def add_parsers(subparsers: Any) -> None:
         description="Run a recorded bus through the manager's core again, explain its decisions, and compare them.",
         epilog=_EPILOG,
     )
-    parser.add_argument("recording", metavar="FILE.log", type=Path, help="a candump log")
+    parser.add_argument(
+        "recording", metavar="FILE.log", type=Path, help="a candump log, or a folder of 'heronry record'"
+    )
     add_spec_argument(parser)
     parser.add_argument(
         "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"

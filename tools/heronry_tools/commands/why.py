@@ -102,29 +102,6 @@ def _more(spec: "Spec", one: "Assumption", amount: int) -> str:
 
 
 def _json(spec: "Spec", found: "Explanation") -> str:
-    from heronry_tools.analysis.why.assumptions import capacity, in_words  # noqa: PLC0415
+    from heronry_tools.analysis.why.document import document  # noqa: PLC0415
 
-    document = {
-        "spec": spec.name,
-        "digest": spec.digest,
-        "function": found.function.name,
-        "phase": found.now.phase,
-        "down": sorted(found.now.down),
-        "served": found.report.served,
-        "mode": found.report.mode,
-        "value": found.report.value,
-        "best_value": found.best_value,
-        "why_not": found.report.why_not,
-        "reasons": [{"kind": one.kind, "name": one.name, "text": in_words(spec, one)} for one in found.reasons],
-        "repairs": [
-            {
-                "restore": list(repair.restore),
-                "add": [
-                    {"kind": one.kind, "name": one.name, "more": amount - capacity(spec, one)}
-                    for one, amount in repair.capacities
-                ],
-            }
-            for repair in found.repairs
-        ],
-    }
-    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(document(spec, found), indent=2, ensure_ascii=False) + "\n"

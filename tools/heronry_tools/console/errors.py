@@ -11,14 +11,17 @@ from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
     **dict.fromkeys(("canopen", "numpy", "ortools", "pydantic", "yaml"), "manager"),
-    **dict.fromkeys(("cantools", "rich"), "watch"),
+    **dict.fromkeys(("starlette", "uvicorn"), "web"),
+    **dict.fromkeys(("cantools", "rich", "textual"), "watch"),
+    **dict.fromkeys(("asammdf", "mcap", "prometheus_client"), "export"),
     "distributed": "cluster",
     "highspy": "dev",
 }
 _SMALLER: Final = {
     **dict.fromkeys(("check", "explain", "rules", "schema"), "check"),
     "doctor": "doctor",
-    "dbc": "watch",
+    **dict.fromkeys(("dbc", "record", "top"), "watch"),
+    **dict.fromkeys(("log", "metrics"), "export"),
 }
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): extra for module in ("pydantic", "yaml") for command, extra in _SMALLER.items()
@@ -93,6 +96,8 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
         return f"{error.filename}: {error.strerror}"
     if isinstance(error, OSError) and error.errno in _NO_MORE:
         return f"the output cannot be written: {error.strerror}; make room, or write elsewhere"
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"{error.strerror}: this process may open no more; allow more of them with 'ulimit -n'"
     return None
 
 

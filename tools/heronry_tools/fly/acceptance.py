@@ -1,7 +1,7 @@
 """Whether a landing is acceptable, and how sure a share of acceptable landings is.
 
-A landing is judged by the state of the aircraft at the first contact with the ground, and by what touches the ground
-from then on. Each criterion that is not met is one cause; a landing without a cause is acceptable. The limits stand
+What counts is the state of the aircraft at the first contact with the ground, and what touches the ground from then
+on. Each criterion that is not met is one cause; a landing without a cause is acceptable. The limits stand
 here alone: tests, dispersion and reports ask this file.
 
 The interval of a share is Wilson's, which is right for shares near 0 and 1 as well, where the usual normal

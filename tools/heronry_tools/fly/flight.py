@@ -100,6 +100,8 @@ class EavFlight:
         self._begin_ns = simulation.now_ns
         self._released.release(self._begin_ns)
         Injections(simulation, self._mission.acts, simulation.now_ns)
+        if self._mission.corrections_lost_s is not None:
+            self._recorder.mark(self._mission.corrections_lost_s, "note", "the receiver's corrections are lost")
         if self._mission.must_land:
             simulation.operator.say(EnterPhase("must_land"))
         while not self._is_over():
@@ -134,7 +136,7 @@ class EavFlight:
         height = known.get("estimate_height_m")
         if height is not None and truth.height_m < 10.0 and self._recorder.touchdown is None:
             self._errors_m.append(abs(height - truth.height_m))
-        self._happenings.strike(truth.time_s, truth.height_m)
+        self._happenings.inject_due(truth.time_s, truth.height_m)
         lost_s = self._mission.corrections_lost_s
         if lost_s is not None and self._flown_ns >= lost_s * NS_PER_S and self._recorder.touchdown is None:
             self.simulation.truth.failed("device:differential_receiver")

@@ -78,7 +78,7 @@ class GliderFlight:
         row: dict[str, float | None] = {f"{name}_deg": surfaces[name].position for name in ("elevator", "rudder")}
         self._recorder.sample(truth, {**row, **self._loads.columns(), "world_s": self._plant.world_s})
         self._note_release(truth, hung=hung)
-        self._happenings.strike(truth.time_s, truth.height_m)
+        self._happenings.inject_due(truth.time_s, truth.height_m)
         self._happenings.note(self._begin_ns)
 
     def _note_release(self, truth: Truth, *, hung: bool) -> None:

@@ -23,7 +23,7 @@ class GliderMission:
     """A flight from one of the starts of `dynamics.big_blue` to the ground.
 
     pace: how much faster than the avionics' clock time passes on the balloon's line. acts: faults of `heronry sim`, by
-    the time of the flight. judged: what the oracles of the simulator find is told.
+    the time of the flight. `judged`: what the oracles of the simulator find is told.
     """
 
     seed: int = 0

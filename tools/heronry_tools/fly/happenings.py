@@ -37,7 +37,7 @@ class Happenings:
             return None
         return next((time_s - struck_s for time_s in self.reconfigured_s if time_s >= struck_s), None)
 
-    def strike(self, time_s: float, height_m: float) -> None:
+    def inject_due(self, time_s: float, height_m: float) -> None:
         """Let the faults happen that are due at this time of the flight, or at this height."""
         for blow in list(self._due):
             by_time = blow.at_s is not None and time_s >= blow.at_s

@@ -35,7 +35,7 @@ class Mission:
     """A flight of the EAV on final.
 
     corrections_lost_s: when the differential receiver loses its accuracy; None: never. acts: faults of
-    the simulator, with times from the begin of the flight. judged: what the oracles of the simulator find is told.
+    the simulator, with times from the begin of the flight. `judged`: what the oracles of the simulator find is told.
     probed: the latency from sensor to servo is measured, in still air and with sensors without errors.
     """
 

@@ -1,4 +1,4 @@
-"""What a plant with flight dynamics offers to the devices of the PEs, and to those who judge a flight.
+"""What a plant with flight dynamics offers to the devices of the PEs, and to the record of a flight.
 
 A plant steps at 120 Hz, on a grid that starts at its time 0. `advance` brings it to a time; actuators keep their last
 command during the steps. The time of a call may not fall below that of an earlier one: such a call reads the present
@@ -21,7 +21,7 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The aircraft's real state at one time, for records and judgements; no module sees it."""
+    """The aircraft's real state at one time, for records and acceptance; no module sees it."""
 
     time_s: float
     x_m: float

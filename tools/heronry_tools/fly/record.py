@@ -1,4 +1,4 @@
-"""The record of one flight: what the pictures, the figures and the judgement are made from.
+"""The record of one flight: what the pictures, the figures and the acceptance are made from.
 
 A record is a value: columns over time, stretches of time in which something had one state, and marks at single moments.
 Its JSON form holds everything, so that a flight is drawn again without being flown again.

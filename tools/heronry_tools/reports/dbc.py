@@ -135,7 +135,7 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
 
 
 def _links(spec: Spec | None) -> Iterator[Message]:
-    """Write the fields of reports on radios, by the names of the radios where there is a spec."""
+    """Write a LINK message for each radio of a spec; without a spec, one for each LINK identifier."""
     if spec is None:
         for number in range(len(GATEWAY_IDS)):
             yield _message(link_id(number), f"LINK_{number}", LINK.length, list(_signals(LINK)), "")

@@ -93,7 +93,15 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
         runs = _runs(pe)
         late = _standstills(pe["standstills"])
         late = f"; its computer{late}" if late else ""
-        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}{late}"
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_held(pe['held'])}{_unproven(pe['authentic'])}{late}"
+
+
+def _held(held: Mapping[str, Any] | None) -> str:
+    """Write which exclusive outputs a PE holds back, and why."""
+    if held is None:
+        return ""
+    modules = ", ".join(held["modules"]) or "no module"
+    return f"; OUTPUTS HELD BACK for {held['for_ns'] / _NS_PER_S:.1f} s ({modules}): {held['why']}"
 
 
 def _runs(pe: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 
 _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
+    "page": ("watch it in a browser: {address}", "title"),
     "orders": ("beside this demo, in another terminal: heronry status {flags}", "quiet"),
     "planned_ahead": ("{sentence}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
@@ -28,6 +29,9 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
         "bad",
     ),
     "states_doubted": ("another node sends as {pe}: {refused} of its states were refused", "bad"),
+    "attacked": ("ATTACK on {bus}: forged frames take {percent} % of it, {frames_per_s} in a second", "bad"),
+    "outputs_held": ("{pe} holds back what {modules} drive: {cause}", "bad"),
+    "outputs_free": ("{pe} drives its exclusive outputs again", "good"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "module_restarted": ("{element} failed and is started again on {by} ({times})", "fault"),
@@ -88,6 +92,12 @@ class Line:
     tone: Tone = "plain"
 
 
+def plain_line(event: Mapping[str, Any]) -> Line | None:
+    """Give the sentence of an event that needs to know no other event; None where it has none."""
+    template, tone = _SENTENCES.get(event["event"], ("", "plain"))
+    return Line(template.format_map(event), tone) if template else None
+
+
 @dataclass(slots=True)
 class Story:
     """Turns events into sentences; its clock starts when the first configuration runs, or is advised."""
@@ -114,9 +124,9 @@ class Story:
     def _lines(self, event: Mapping[str, Any]) -> Iterator[Line]:
         kind = event["event"]
         self._follow(event)
-        if kind in _SENTENCES:
-            template, tone = _SENTENCES[kind]
-            yield Line(template.format_map(event), tone)
+        plain = plain_line(event)
+        if plain is not None:
+            yield plain
         match kind:
             case "process":
                 yield from self._process(event)

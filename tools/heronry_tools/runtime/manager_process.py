@@ -77,7 +77,9 @@ def mastership(arguments: argparse.Namespace) -> int:
             def start_pre_planner() -> PlannerClient:
                 return stack.enter_context(PlannerClient(spec, file, niceness=PRE_PLANNER_NICENESS))
 
-            tell(_bus_event(spec.manager.bus, arguments))
+            told = _bus_event(spec.manager.bus, arguments)
+            place = {"bus": {key: told[key] for key in ("name", "interface", "channel")}, "file": str(file.resolve())}
+            tell(told)
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
             if journal is not None and journal.warning is not None:
                 _say(journal.warning)
@@ -97,7 +99,7 @@ def mastership(arguments: argparse.Namespace) -> int:
             policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
             planners = PlannerProcesses(policy, planner, start_pre_planner)
             parts = (core, link, planners, control)
-            driver = ManagerDriver(*parts, journal=journal, service=service, spec=spec, emit=tell)
+            driver = ManagerDriver(*parts, journal=journal, service=service, spec=spec, emit=tell, place=place)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)

@@ -79,7 +79,7 @@ class Watch:
     """Checks every message before it is published, as long as its budget lasts; afterwards it allows none."""
 
     def __init__(self, punctuality: "Punctuality", budget: int) -> None:
-        """`budget`: number of messages that may be checked; each check counts all published messages."""
+        """`budget`: number of messages that all checks together may count; a check counts the published ones."""
         self._punctuality, self._budget = punctuality, budget
 
     def may_publish(self, draft: Draft, more: list[Publication]) -> bool:

@@ -74,6 +74,7 @@ class Surroundings:
     now: Motion
     position: Callable[[str], float]  # of a mechanism
     rate: Callable[[str], float]
+    seed: int | None = None  # of the noise; None: that of the scripted flight
 
     @property
     def attitude_deg(self) -> tuple[float, float]:
@@ -93,7 +94,8 @@ class Surroundings:
 
     def with_noise(self, value: float, sigma: float, axis: str = "") -> float:
         """Add the noise of this device and axis at this time; devices and axes are independent of each other."""
-        return value + sigma * noise(self.device + axis, self.time_ns)
+        name = self.device + axis
+        return value + sigma * noise(name if self.seed is None else f"{self.seed}/{name}", self.time_ns)
 
 
 Sensor = Callable[[Surroundings], Value]

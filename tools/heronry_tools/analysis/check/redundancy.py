@@ -44,7 +44,7 @@ class Dependence:
         self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
 
     def of_ends(self, demux: Demux) -> frozenset[str]:
-        """Elements without which no end of a DEMUX can run, though its variable is given."""
+        """Elements without which no end of a DEMUX can run, although the variable of the DEMUX can be given."""
         ends = [self.spec.modules[name] for name in demux.ends]
         if not all(self._healthy.can_run(end) for end in ends):
             return frozenset()

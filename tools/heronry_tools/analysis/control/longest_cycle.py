@@ -7,8 +7,7 @@ the bounds are the same on every machine. If the limit is reached, the lower and
 
 from typing import Final
 
-from ortools.sat.python.cp_model import FEASIBLE, INFEASIBLE, OPTIMAL, CpModel, CpSolver, CpSolverStatus
-
+from heronry_manager.planner.cp_sat import FEASIBLE, INFEASIBLE, OPTIMAL, CpModel, CpSolver, CpSolverStatus
 from heronry_pcs.cycles import LEAST_CYCLE, Bounds, Touching, bounds_alone
 
 EFFORT: Final = 5.0  # deterministic seconds for one block; blocks of 200 members are proven in less

@@ -32,7 +32,6 @@ from heronry_tools.aircraft.images.guidance import (
 from heronry_tools.aircraft.plant.devices import GPS_PERIOD_NS, SENSORS, WING_SUPPLY_HPA, Surroundings, reading
 from heronry_tools.aircraft.plant.interface import Failure
 from heronry_tools.aircraft.plant.mechanism import Mechanism
-from heronry_tools.aircraft.plant.noise import noise
 from heronry_tools.fly.dynamics.model import M_PER_FT, Air, Model
 from heronry_tools.fly.plant import NS_PER_S, STEPS_PER_S, Truth
 from heronry_tools.fly.servos import Servos, Surface
@@ -89,16 +88,6 @@ class Motion:
     roll_deg: float
     pitch_rate_deg_per_s: float
     roll_rate_deg_per_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Seeded(Surroundings):
-    """The conditions of a reading in one flight: its noise is that of its seed."""
-
-    seed: int = 0
-
-    def with_noise(self, value: float, sigma: float, axis: str = "") -> float:
-        return value + sigma * noise(f"{self.seed}/{self.device}{axis}", self.time_ns)
 
 
 class BigBluePlant:
@@ -319,7 +308,7 @@ class BigBluePlant:
             time_ns -= time_ns % GPS_PERIOD_NS
         if device in ("command_receiver", "console"):
             return (0, 0)  # nobody on the ground gives a command
-        return reading(_Seeded(device, time_ns, self._moved(), self._position, _still, self._seed))
+        return reading(Surroundings(device, time_ns, self._moved(), self._position, _still, self._seed))
 
     def _position(self, mechanism: str) -> float:
         if mechanism == "wing":

@@ -1,4 +1,8 @@
-"""The EAV as a mission wants it: on final, in the wind of its seed; or in still air, to measure latencies."""
+"""Makes the plant of a mission: the Exploration Aerial Vehicle (EAV) on final approach.
+
+The wind and the errors are drawn from the mission's seed. Where latencies are measured, the air is still and only the
+camera has errors.
+"""
 
 from heronry_tools.fly.dynamics.eav import EavPlant
 from heronry_tools.fly.dynamics.moving_air import MovingAir

@@ -139,9 +139,9 @@ class _Flight:
                 problem = f"no servo was driven within {_LONGEST_START_S:.0f} s"
             if problem is not None:
                 raise UserError(problem)
-            self._strike()
+            self._inject_due()
 
-    def _strike(self) -> None:
+    def _inject_due(self) -> None:
         if self._released_ns is None:
             return
         flown_s = (time.monotonic_ns() - self._released_ns) / NS_PER_S

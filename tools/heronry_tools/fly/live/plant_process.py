@@ -114,7 +114,7 @@ class PlantProcess:
         self._writer.write(Snapshot(now_ns, truth.height_m, readings, refusing))
 
     def _wait_until(self, due_ns: int) -> bool:
-        """Wait, and obey what comes on standard input; False when that has ended."""
+        """Wait, and execute what comes on standard input; False when that has ended."""
         while True:
             left_s = (due_ns - time.monotonic_ns()) / NS_PER_S
             ready, _, _ = select.select([0], [], [], max(left_s, 0.0))

@@ -37,6 +37,7 @@ _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 _STRIPES = ("#dbe9f6", "#fbe3d3", "#d9f0e7", "#f1e0ee", "#e8eaed", "#fff3c4")
 _MARK_COLOUR = {"fault": ORANGE, "refused": ORANGE, "reconfigured": BLUE, "touchdown": GREEN, "note": GREY}
 _FAR_M = 5_000.0  # a map that reaches further is in km
+_LARGEST_ERROR_M = 12.0  # that a panel shows
 _LONG_S = 900.0  # longer flights have their time in minutes
 _AXES = (("x_m", "along"), ("y_m", "across"), ("height_m", "height"))
 
@@ -165,12 +166,11 @@ class _Series:
 
 @dataclass(frozen=True, slots=True)
 class _Chart:
-    """One panel over time: its series, and (low, high) of a band."""
+    """One panel over time: its series, and the (low, high) of a band around zero."""
 
     label: str
     series: tuple[_Series, ...]
     band: tuple[Sequence[Value], Sequence[Value]] | None = None
-    limit: float | None = None  # the panel shows no more than that on either side
     least: float = 0.0
     height: float = 150.0
 
@@ -207,10 +207,13 @@ def _band_entry(chart: _Chart) -> list[tuple[str, str, str]]:
 
 def _reach(chart: _Chart) -> tuple[float, float]:
     values = [value for series in chart.series for value in series.values]
-    low, high = span(values, least=chart.least)
-    if chart.limit is not None:
-        low, high = max(low, -chart.limit), min(high, chart.limit)
-    return low, high
+    if chart.band is None:
+        return span(values, least=chart.least)
+    # An error around zero: as far as the error goes, and so far that the usual band is seen as well.
+    band = sorted(value for value in chart.band[1] if value is not None)
+    usual = band[len(band) // 2] if band else 0.0
+    far = max([chart.least / 2.0, 1.2 * usual, *(1.1 * abs(value) for value in values if value is not None)])
+    return -min(far, _LARGEST_ERROR_M), min(far, _LARGEST_ERROR_M)
 
 
 def _charts(record: FlightRecord) -> Iterator[_Chart]:
@@ -267,9 +270,7 @@ def _errors(record: FlightRecord) -> Iterator[_Chart]:
         if sigma is not None and record.known(f"sigma_{name}"):
             high = [None if value is None else 3.0 * value for value in sigma]
             band = [None if value is None else -value for value in high], high
-        yield _Chart(
-            f"error, {said} (m)", (_Series("estimate minus truth", error, BLACK),), band, limit=12.0, least=3.0
-        )
+        yield _Chart(f"error, {said} (m)", (_Series("estimate minus truth", error, BLACK),), band, least=3.0)
 
 
 # Stripes, lanes, marks
@@ -337,8 +338,8 @@ def _marks(record: FlightRecord, axis: Panel, factor: float, bottom: float) -> I
         dash = ' stroke-dasharray="3 3"' if mark.kind in ("reconfigured", "note") else ""
         yield f'<path d="M{x:.1f},24V{bottom - 6:.0f}" stroke="{colour}" stroke-width="1.2"{dash}/>'
         lower = 12 if x - taken < 16 else 0
-        yield f'<rect x="{x - 8:.1f}" y="{42 + 2 * lower}" width="16" height="15" rx="3" fill="{colour}"/>'
-        yield f'<text x="{x:.1f}" y="{54 + 2 * lower}" text-anchor="middle" style="fill:#fff">{index}</text>'
+        yield f'<rect x="{x - 8:.1f}" y="{50 + 2 * lower}" width="16" height="15" rx="3" fill="{colour}"/>'
+        yield f'<text x="{x:.1f}" y="{62 + 2 * lower}" text-anchor="middle" style="fill:#fff">{index}</text>'
         taken = x if not lower else taken
 
 

@@ -2,9 +2,12 @@
 
 Edges are drawn first, then chosen edges over them, then the symbols; if there are several sheets, sheet by sheet. Every
 symbol has its key in the file, and every edge has its ends, so that programs can read the picture as well.
+
+`uncoloured` draws the same for a page that colours the symbols itself: without a style, with a cross on every symbol,
+and with the names of all edges on every line.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from xml.sax.saxutils import escape, quoteattr
 
 from heronry_tools.reports.render.graph import Edge, Graph
@@ -51,22 +54,39 @@ def svg(graph: Graph, title: str = "Dependency graph") -> str:
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
-def _sheet(sheet: Sheet, top: int, width: int) -> Iterator[str]:
-    """One sheet, below those above it."""
+def uncoloured(graph: Graph, edge_key: Callable[[Edge], str]) -> str:
+    """Draw a graph for a page that has a style of its own; `edge_key` names an edge, without a space."""
+    drawn = sheets(graph)
+    width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
+    arrow = _ARROW.replace(' fill="#1b1f24"', ' class="head"')
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" role="group">',
+        arrow,
+    ]
+    top = 0
+    for sheet in drawn:
+        lines += _sheet(sheet, top, width, edge_key)
+        top += sheet.layout.height
+    return "\n".join([*lines, "</svg>"]) + "\n"
+
+
+def _sheet(sheet: Sheet, top: int, width: int, edge_key: Callable[[Edge], str] | None = None) -> Iterator[str]:
+    """One sheet, below those above it; with `edge_key` as a page needs it that colours the symbols itself."""
     if top:
         yield f'<path class="fold" d="M0,{top}H{width}"/>'
     yield f'<g transform="translate(0,{top})">'
-    yield from _edges(sheet.graph, sheet.layout)
+    yield from _edges(sheet.graph, sheet.layout, edge_key)
     for key, node in sheet.graph.nodes.items():
-        yield from symbol(node, sheet.layout.boxes[key])
+        yield from symbol(node, sheet.layout.boxes[key], crossed=node.dead or edge_key is not None)
     yield from _labels(sheet.graph, sheet.layout)
     yield "</g>"
 
 
-def _edges(graph: Graph, layout: Layout) -> Iterator[str]:
+def _edges(graph: Graph, layout: Layout, edge_key: Callable[[Edge], str] | None) -> Iterator[str]:
     drawn: list[Curve | Loop] = [*layout.curves, *layout.loops]
     for piece in sorted(drawn, key=lambda piece: _rank(graph, piece)):
-        yield _path(graph, piece)
+        names = [] if edge_key is None else [edge_key(graph.edges[number]) for number in _numbers(piece)]
+        yield _path(graph, piece, f" data-edges={quoteattr(' '.join(names))}" if names else "")
 
 
 def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
@@ -82,14 +102,14 @@ def _liveliness(edge: Edge) -> int:
     return 0 if edge.dead else 2 if edge.chosen else 1
 
 
-def _path(graph: Graph, piece: Curve | Loop) -> str:
+def _path(graph: Graph, piece: Curve | Loop, named: str) -> str:
     kind = ("edge dead", "edge", "edge chosen")[_rank(graph, piece)]
     first = graph.edges[_numbers(piece)[0]]
     ends = f"data-from={quoteattr(first.source)}"
     if isinstance(piece, Loop) or piece.last:
         ends += f' data-to={quoteattr(first.target)} marker-end="url(#arrow)"'
     way = _loop(piece) if isinstance(piece, Loop) else _curve(piece)
-    return f'<path class="{kind}" d="{way}" {ends}/>'
+    return f'<path class="{kind}" d="{way}" {ends}{named}/>'
 
 
 def _curve(curve: Curve) -> str:

@@ -12,15 +12,15 @@ from heronry_tools.reports.render.layout import Box
 from heronry_tools.reports.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 
-def symbol(node: Node, box: Box) -> Iterator[str]:
-    """Lines of SVG for one symbol."""
+def symbol(node: Node, box: Box, *, crossed: bool) -> Iterator[str]:
+    """Lines of SVG for one symbol; `crossed`: with the cross of a dead one."""
     set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
     marks = "".join(f" {name}" for name, set_ in set_marks if set_)
     attribute = "data-again" if node.again else "data-key"  # a key is unique in a picture
     yield f"<g class={quoteattr(f'node {node.kind}{marks}')} {attribute}={quoteattr(node.key)}>"
     yield f"<title>{escape(_title(node))}</title>"
     yield from _module(node, box) if node.kind == "module" else _small(node, box)
-    if node.dead:
+    if crossed:
         x, width, height = _body_x(box), box.shape.body_width, box.shape.body_height
         yield f'<path class="crossed" d="M{x - 4},{box.y + height + 4}L{x + width + 4},{box.y - 4}"/>'
     yield "</g>"

@@ -213,6 +213,10 @@ class Fleet:
         self._pes[pe] = self._start(pe, arguments)
         return self._pes[pe].pid
 
+    def has_pe(self, pe: str) -> bool:
+        """Tell whether a PE's process has been started, and not been killed since."""
+        return pe in self._pes
+
     def kill_pe(self, pe: str) -> int:
         """Kill a PE with SIGKILL; gives its process number."""
         process = self._pes.pop(pe, None)

@@ -2,11 +2,11 @@
 
     python -m heronry_tools.runtime.demo.planning_ahead SPEC      started by the demo, which holds its standard input
 
-The process starts when the first configuration runs. It stands back behind the nodes (`_NICENESS`), and
-preempts none that has just woken (SCHED_BATCH). It gets a share of the processor all the same: on a computer that is
-busy with something else, a process that took only what nobody wants would never make a plan. The plans go into the
-user's cache (`made_ahead`). A demo that ends first ends the process: the plans that were found are kept, and the next
-demo continues from them.
+The process starts when the first configuration runs. It stands back behind the nodes (`_NICENESS`), and preempts none
+that has just woken (SCHED_BATCH). It gets a share of the processor all the same: on a computer that is busy with
+something else, a process that took only what nobody wants would never make a plan. It plans alone, since each worker
+process would first have to load the solver. The plans go into the user's cache (`made_ahead`). A demo that ends first
+ends the process: the plans that were found are kept, and the next demo continues from them.
 
     waiting --start()--> planning --its end--> told
                             |
@@ -63,7 +63,7 @@ class PlanningAhead:
         process, self._process = self._process, None
         if process is None:
             return outcome
-        process.kill()  # its worker processes end with it
+        process.kill()
         process.communicate()
         if kept_contingencies(self._spec) is not None:  # the process was about to end
             return self._complete()
@@ -82,10 +82,11 @@ class PlanningAhead:
 
 def main() -> int:
     """Make the plans; returns 1 where they cannot be made or kept, which is said on standard error."""
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # its worker processes inherit that, and the next
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)
     threading.Thread(target=_end_with_demo, daemon=True).start()
-    return 0 if contingencies_of(load_spec(sys.argv[1]), Ahead.SINGLE_FAULTS) is not None else 1
+    made = contingencies_of(load_spec(sys.argv[1]), Ahead.SINGLE_FAULTS, workers=1)  # itself: loading takes longest
+    return 0 if made is not None else 1
 
 
 def _end_with_demo() -> None:

@@ -15,11 +15,12 @@ from heronry_tools.console.output import expect_ending
 from heronry_tools.console.spec_argument import load_spec_file, spec_path
 from heronry_tools.reports.event_printer import print_event
 from heronry_tools.reports.screen import screen
-from heronry_tools.runtime.demo import DEFAULT_SECONDS
+from heronry_tools.runtime.demo import DEFAULT_SECONDS, LONGEST_SECONDS
 from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.fleet import NODE_PRIORITY, Fleet, run_folder
 from heronry_tools.runtime.demo.manager_name import manager_name
 from heronry_tools.runtime.demo.ordered_telling import Tell
+from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.run import Show
 from heronry_tools.runtime.demo.script import DemoAction, PhaseAction, read_phases, read_script
@@ -39,7 +40,8 @@ def play(arguments: argparse.Namespace) -> int:
     actions: list[DemoAction | PhaseAction] = [*read_script(spec, arguments.kill, arguments.restore)]
     actions = sorted([*actions, *read_phases(spec, arguments.phase)], key=lambda action: action.at_s)
     last_s = actions[-1].at_s + _AFTER_LAST_ACTION_S if actions else DEFAULT_SECONDS
-    seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    usual = LONGEST_SECONDS if arguments.web else max(DEFAULT_SECONDS, last_s)
+    seconds = arguments.seconds if arguments.seconds is not None else usual
     if actions and actions[-1].at_s > seconds:
         raise UserError(
             f"--for {seconds:g}: the demo would end before the action at {actions[-1].at_s:g} s; give it longer"
@@ -70,6 +72,9 @@ def play(arguments: argparse.Namespace) -> int:
                 heartbeat_ns=heartbeat_ns,
             )
         )
+        page = None
+        if arguments.web:
+            page = stack.enter_context(Page(file, fleet.control_socket(), folder / "web.log"))
         fleet.start_buses(choices)
         tell = print_event if arguments.json else screen(flown)
         own_ns = spec.buses[spec.manager.bus].heartbeat_ns
@@ -80,7 +85,7 @@ def play(arguments: argparse.Namespace) -> int:
         tell(event("orders", time.monotonic_ns(), flags=flags))
         if behind is not None:
             stack.callback(behind.close)
-        show = Show(flown, fleet, choices, tell, behind)
+        show = Show(flown, fleet, choices, tell, behind, page=page)
         chosen = actions if actions or arguments.no_kill else None
         return _run(show, fleet, tell, lambda: show.run(chosen, seconds, record))
 

@@ -23,6 +23,7 @@ from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
 from heronry_tools.runtime.demo.ordered_telling import HELD_NS, OrderedTelling, Tell
+from heronry_tools.runtime.demo.page import Page
 from heronry_tools.runtime.demo.planning_ahead import PlanningAhead
 from heronry_tools.runtime.demo.script import MANAGER, DemoAction, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Outage, Witness
@@ -48,7 +49,10 @@ class Show:
         choices: Mapping[str, BusChoice],
         tell: Tell,
         behind: PlanningAhead | None = None,
+        *,
+        page: Page | None = None,
     ) -> None:
+        self._page = page
         self._spec, self._fleet, self._choices, self._behind = spec, fleet, choices, behind
         self._telling = OrderedTelling(tell)
         self._is_waiting_told = False  # for what is under way when the time is up
@@ -101,10 +105,12 @@ class Show:
         meter = LatenessMeter(self._standstills.period_ns, time.monotonic_ns(), time.thread_time_ns())
         while not self._over():
             readers: list[Any] = [self._events, *(reader for ear in ears.values() for reader in ear.readers)]
+            readers += [] if self._page is None else self._page.readers()
             wait_s = self._wait_s()
             meter.waits(time.monotonic_ns() + round(wait_s * 1e9))
-            select.select(readers, [], [], wait_s)
+            ready, _, _ = select.select(readers, [], [], wait_s)
             self._measure_lateness(meter)
+            self._serve(ready)
             for one in self._events.take():
                 self._follow(one)
             for name, ear in ears.items():
@@ -203,12 +209,33 @@ class Show:
                 self._fleet.order(EnterPhase(action.phase), f"--phase {action.phase}")
             elif action.pe == MANAGER:
                 self._kill_manager()
-            elif action.what == "kill":
-                self._coming_back.discard(action.pe)
-                self._emit("process", pe=action.pe, pid=self._fleet.kill_pe(action.pe), what="killed")
+            elif self._fleet.has_pe(action.pe) == (action.what == "kill"):  # else the page has done it before
+                self._do(action.what, action.pe)
+
+    def _serve(self, ready: Sequence[Any]) -> None:
+        """Tell the address of the page once it is known, and do what the page orders."""
+        if self._page is not None and any(one in ready for one in self._page.readers()):
+            address = self._page.address()
+            if address is not None:
+                self._emit("page", address=address)
             else:
-                self._coming_back.add(action.pe)
-                self._emit("process", pe=action.pe, pid=self._fleet.start_pe(action.pe), what="restored")
+                self._page.execute(self._do)
+
+    def _do(self, what: str, pe: str) -> str:
+        """Kill or restore a PE; says so in a sentence. Raises UserError where it runs already, or does not."""
+        if pe not in self._spec.pes:
+            raise UserError(f"{self._spec.name} has no PE '{pe}'")
+        if what == "kill":
+            pid = self._fleet.kill_pe(pe)
+            self._coming_back.discard(pe)
+        elif self._fleet.has_pe(pe):
+            raise UserError(f"pe:{pe} runs, so it cannot be restored")
+        else:
+            self._coming_back.add(pe)
+            pid = self._fleet.start_pe(pe)
+        done = "killed" if what == "kill" else "restored"
+        self._emit("process", pe=pe, pid=pid, what=done)
+        return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
         """Kill the active manager, and follow the other one from its take-over on."""

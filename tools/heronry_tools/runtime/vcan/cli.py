@@ -78,7 +78,7 @@ def _arguments(words: list[str]) -> argparse.Namespace:
         type=_interface_names,
         default=["vcan0"],
         metavar="A,B",
-        help="the interfaces that the command finds (default: vcan0)",
+        help="CAN interfaces that exist while COMMAND runs (default: vcan0)",
     )
     parser.add_argument(
         "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="what to run, with its arguments"

@@ -19,6 +19,8 @@ What cannot be promised, and why:
   draws `forge` without a key. With a key everything is promised.
 - `attack` is injected only in flights with a key, and everything is promised, with one exception: on a replicated bus a
   frame that the attacker repeats exactly on the other channel is taken for a copy.
+- `forged_...` (`denial`): with a key, everything is promised as for `attack`. Below a tenth of the bus no function may
+  fall silent for it, and no PE may lose its session (oracle `availability`).
 - `babble`: a node whose identifier wins every arbitration takes the bus. No function is served; but since no node is
   heard, no PE may drive anything exclusive, and that is promised.
 - `rogue`: a foreign node that sends under an identifier of the aircraft collides with its owner, down to bus-off. This
@@ -54,6 +56,7 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, places
 from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.denial import DENIALS
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_wire.frame import STANDARD_MASK
 
@@ -223,6 +226,18 @@ KINDS: Mapping[str, Kind] = {
         of_keyed=True,
         needs_key=True,
     ),
+    **{
+        name: Kind(
+            "bus",
+            (500, 3000),
+            f"a node without the key forges {what} (level: per cent of the bus)",
+            levels=(1, 3, 9),
+            unpromised=frozenset(("copies",)),
+            drawn=False,
+            needs_key=True,
+        )
+        for name, what in DENIALS.items()
+    },
     "raise": Kind("module", (0, 0), "a module raises an exception", for_good=1.0),
     "unfit": Kind("module", (0, 0), "a module gives a value outside its type's range", for_good=1.0),
     "wrong": Kind("module", (100, 2000), "a value of a module is wrong by 40, or in one bit", excuses=True),
@@ -232,6 +247,14 @@ KINDS: Mapping[str, Kind] = {
     "bias": Kind("device", (0, 0), "a sensor is wrong by 40 of its units", for_good=1.0, excuses=True),
     "order_fail": Kind(
         "element", (200, 4000), "the operator declares an element failed, and clears it", for_good=0.2, is_order=True
+    ),
+    "order_storm": Kind(
+        "element",
+        (1500, 4000),
+        "the operator fails and clears an element again and again (level: every so many ms)",
+        levels=(2, 12),
+        drawn=False,
+        is_order=True,
     ),
     "order_clear": Kind("latched", (0, 0), "the operator clears all that is latched or in quarantine", is_order=True),
     "order_phase": Kind("phase", (0, 0), "the operator requests another mission phase", is_order=True),
@@ -246,6 +269,8 @@ LEVELS: Mapping[str, tuple[int, int]] = {
     **dict.fromkeys(("loss", "omission", "doubled"), (1, 1000)),
     "collapse": (2, 100),
     "babble": (0, STANDARD_MASK),
+    "order_storm": (1, 1000),
+    **dict.fromkeys(DENIALS, (1, 50)),
 }
 """Lowest and highest level, for the kinds that have levels."""
 

@@ -32,9 +32,10 @@ _SPECS: list[Spec] = []  # in a worker process: the one spec that it has loaded
 
 
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
-    """Call `fly` for each flight on `jobs` processors, at most one per flight; yields the results in order.
+    """Call `fly` for each flight, and yield the results in the order of the flights.
 
-    Flights whose results the caller no longer waits for are stopped. Raises UserError where a worker process has died.
+    The flights run in `jobs` processes, or in fewer if there are fewer flights. Flights whose results the caller no
+    longer waits for are stopped. Raises UserError where a worker process has died.
     """
     jobs = min(jobs, len(flights))
     if jobs <= 1:

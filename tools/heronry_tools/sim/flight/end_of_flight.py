@@ -5,7 +5,7 @@ is ended. After that no fault is injected until the aircraft has converged, or f
 (`oracles.liveness`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.injection.schedule import Injections
@@ -20,12 +20,19 @@ def end_flight(simulation: Simulation, injections: Injections, targets: Iterable
 
     targets: all targets into which faults were injected.
     """
+    targets = list(targets)
     start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
     injections.heal()
     silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
     stopped = stopped_by_silence(simulation.spec, targets, simulation.witness, start_ns, simulation.now_ns)
-    return violations + silences + stopped
+    return violations + silences + stopped + _denied(simulation, injections, targets, start_ns)
+
+
+def _denied(simulation: Simulation, injections: Injections, targets: Collection[str], start_ns: int) -> list[Violation]:
+    faults = list(injections.state_of)
+    has_others = set(targets) != {fault.target for fault in faults}
+    return simulation.checks.denials(faults, range(start_ns, simulation.now_ns), has_others=has_others)
 
 
 def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.oracles.end_state import Seen, end_state
 from heronry_tools.sim.oracles.frames import FrameWatch
 from heronry_tools.sim.oracles.journal import Read
@@ -229,6 +230,14 @@ class Checks:
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
         """Give the data that were sent since `is_well` and are not planned; `truth` is what is really down."""
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
+
+    def denials(self, faults: Collection[Fault], span_ns: range, *, has_others: bool) -> list[Violation]:
+        """Give what forged frames alone have denied in a flight with a key.
+
+        faults: everything that was injected. has_others: whether anything else was done. span_ns: begin and end.
+        """
+        check = self._known.availability
+        return [] if check is None or has_others else check.denials(faults, self._known.witness, span_ns)
 
     def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent in flight without need.

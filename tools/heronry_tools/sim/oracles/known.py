@@ -8,6 +8,7 @@ from collections.abc import Collection
 
 from heronry_dg.model import Spec
 from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.oracles.availability import AvailabilityCheck
 from heronry_tools.sim.oracles.blame import BlameCheck
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.epochs import EpochCheck
@@ -43,4 +44,5 @@ class Known:
         self.phases = PhaseCheck(spec, self.service.entered)
         self.priorities = PriorityCheck(spec, self.service.prioritized)
         self.scripts = ScriptCheck()
+        self.availability = None if key is None else AvailabilityCheck(spec)
         self.planned_load = PlannedLoadCheck(spec)

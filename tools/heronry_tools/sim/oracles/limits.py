@@ -34,3 +34,6 @@ RADIO_DOUBLINGS = 2
 
 RADIO_STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)
 """Shares of a radio's bit rate that a manager may plan with, per mille."""
+
+UNPRICED_PERCENT = 10
+"""Share of a bus, in per cent, below which forged frames deny nothing where there is a key."""

@@ -12,6 +12,7 @@ from heronry_tools.sim.oracles.known import Known
 from heronry_tools.sim.oracles.load import LoadCheck
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.orphans import OrphanCheck
+from heronry_tools.sim.oracles.progress import ProgressCheck
 from heronry_tools.sim.oracles.publishing import PublishingCheck
 from heronry_tools.sim.oracles.radio import RadioCheck
 from heronry_tools.sim.oracles.safe_mode import SafeModeCheck
@@ -32,11 +33,13 @@ ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
     lambda known: ChannelCheck(known.spec),
     lambda known: TransitionCheck(known.spec, known.commanded.epochs),
     lambda known: JournalCheck(known.spec, known.read_journal),
+    lambda _: ProgressCheck(),
     lambda known: known.phases,
     lambda known: known.priorities,
     lambda known: known.scripts,
     lambda known: known.blame,
     lambda known: known.planned_load,
+    lambda known: known.availability,
     lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
 )
 """Functions that create the oracles; a function returns None where its oracle has nothing to verify in the run."""

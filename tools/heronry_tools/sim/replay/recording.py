@@ -18,6 +18,7 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
+from heronry_tools.sim.replay.recorded_folder import is_recorded_folder, log_of
 from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id
@@ -63,10 +64,13 @@ class Mastership:
 
 
 def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
-    """Read a candump log; gives its frames in order of time, and the number of lines that are no frames.
+    """Read a candump log, or a folder of 'heronry record'.
 
-    Raises UserError if no line is a frame; OSError if the file cannot be read.
+    Gives its frames in order of time, and the number of lines that are no frames. Raises UserError if no line is a
+    frame; OSError if the file cannot be read.
     """
+    if is_recorded_folder(path):
+        return log_of(path), 0
     lines = [line for line in path.read_text(encoding="ascii", errors="replace").splitlines() if line.strip()]
     parsed = [parse_log_line(line) for line in lines]
     frames = [one for one in parsed if not isinstance(one, Malformed)]

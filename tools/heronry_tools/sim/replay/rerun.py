@@ -126,11 +126,12 @@ class Planners:
 
 
 class Rerun:
-    """The replay of one mastership; `run` fills `decisions` and `remarks`."""
+    """The replay of one mastership; `run` fills `decisions`, `remarks` and `events`."""
 
     def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
         self.remarks: list[Remark] = []
+        self.events: list[Mapping[str, Any]] = []  # that the core told, and (`runs`) the plan of each epoch
         self._planners, self._mastership = planners, mastership
         spec = planners.spec
         self._recorded = _configurations(planners, mastership)
@@ -172,6 +173,7 @@ class Rerun:
                     self._answer = self._find_answer(now_ns, action)
                 case Emit(event=told):
                     self._tell(now_ns, told)
+                    self._keep(told)
                 case Stop():
                     self._ended = True
 
@@ -183,6 +185,13 @@ class Rerun:
             detail = next((str(told[key]) for key in ("cause", "reason", "by") if key in told), "")
             text = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
             self.remarks.append(Remark(now_ns, f"{text}: {detail}" if detail else text))
+
+    def _keep(self, told: Mapping[str, Any]) -> None:
+        self.events.append(told)
+        plan = self._core.plan
+        if told["event"] in ("reconfigured", "adopted") and plan is not None:
+            runs = {"event": "runs", "epoch": told["epoch"], "plan": plan.document()}
+            self.events.append({"v": told["v"], "t_ns": told["t_ns"], **runs})
 
     def _find_answer(self, now_ns: int, request: RequestPlan) -> _Answer | None:
         """Derive what the planner answered, and when; None if it did not answer in time."""

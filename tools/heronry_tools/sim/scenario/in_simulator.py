@@ -6,7 +6,7 @@ can be ended is ended, and the oracles verify that the aircraft converges. An ex
 then fails.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
@@ -40,13 +40,16 @@ def _take_off(script: Script) -> Simulation:
     )
 
 
-def fly(script: Script, *, is_compared: bool = True) -> Flown:
+def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation], None] | None = None) -> Flown:
     """Fly a script; raises UserError if something cannot be done at its time.
 
     is_compared: compare the trace with the golden one, if there is one; False if the golden trace is about to be
     rewritten.
+    watch: gets the flight before it begins.
     """
     flight = _take_off(script)
+    if watch is not None:
+        watch(flight)
     heard = Observations(script.spec)
     flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     lines: tuple[str, ...] = ()  # stays empty if an exception of a core ends the flight

@@ -120,6 +120,11 @@ class SimulatedBus:
         return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
 
     @property
+    def is_free(self) -> bool:
+        """Tell whether a frame that is offered now is sent at once."""
+        return self._on_air is None and not self._arbitration_due and not self.broken
+
+    @property
     def offered(self) -> int:
         """Number of the last frame that any station has queued."""
         return self._offers

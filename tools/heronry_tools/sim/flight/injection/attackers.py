@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from random import Random
 
+from heronry_tools.sim.faults.denial import DENIALS, Denier
 from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.faults.forger import Forger
 from heronry_tools.sim.flight.injection.inject import End, Inject
@@ -50,7 +51,15 @@ def _attack(simulation: Simulation, fault: Fault, random: Random) -> End:
     return _leaving([Forger(simulation.clock, wire, random) for wire in simulation.wiring.wires[fault.name]])
 
 
-def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
+def _deny(simulation: Simulation, fault: Fault, random: Random) -> End:
+    wires = simulation.wiring.wires[fault.name]
+    clock, spec = simulation.clock, simulation.spec
+    return _leaving(
+        [Denier(clock, one, random, spec=spec, kind=fault.kind, share_percent=fault.level) for one in wires]
+    )
+
+
+def _leaving(uninvited: Sequence[Stranger | Forger | Denier]) -> End:
     def leave() -> None:
         for one in uninvited:
             one.leave()
@@ -89,6 +98,7 @@ BY_ATTACKERS: dict[str, Inject] = {
     "rogue": _rogue,
     "twin": _twin,
     "attack": _attack,
+    **dict.fromkeys(DENIALS, _deny),
     "corrupt": _alter(_DATA, _CORRUPT_SHARE),
     "forge": _alter(_COMMANDS, _FORGE_SHARE),
 }

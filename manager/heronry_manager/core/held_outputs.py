@@ -1,0 +1,71 @@
+"""Which PEs hold their exclusive outputs back, and why, as far as the manager can know (OUTPUT_HELD in page 0).
+
+A PE holds its outputs back for a moment in every reconfiguration. An event tells only what is held for longer than
+T_lease, and when it is free again. The cause is what the manager itself sees of the PE; where it sees nothing, the PE
+has heard no node for longer than T_lease and waits for the next ALIVE, or a frame has told it of a newer epoch. Without
+a key anybody can send such a frame.
+
+A lost state delays the event. A forged flag is a false line here, and changes no plan.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.deployment import Deployment
+from heronry_manager.core.health import Health
+from heronry_manager.core.topology import uplink_bus
+from heronry_manager.core.turn import Turn
+from heronry_wire.protocol_times import t_lease_ns
+from heronry_wire.state_frames import PeFlags, StatePage0
+
+
+@dataclass(slots=True)
+class _Held:
+    since_ns: int
+    cause: str = ""
+    is_told: bool = False
+
+
+class HeldOutputs:
+    """The PEs whose last state says that they hold outputs back."""
+
+    def __init__(self, spec: Spec, turn: Turn, health: Health, deployment: Deployment) -> None:
+        self._turn, self._health, self._deployment = turn, health, deployment
+        self._exclusive = spec.exclusive_things().keys()
+        self._lease_ns = {pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes}
+        self._held: dict[str, _Held] = {}
+
+    def reported(self, pe: str, page: StatePage0) -> None:
+        """Take page 0 of a PE."""
+        now_ns, held = self._turn.now_ns, self._held.get(pe)
+        if PeFlags.OUTPUT_HELD not in page.flags:
+            self._held.pop(pe, None)
+            if held is not None and held.is_told:
+                self._turn.emit("outputs_free", pe=pe, for_ns=now_ns - held.since_ns)
+        elif held is None:
+            self._held[pe] = _Held(now_ns)
+        elif not held.is_told and now_ns - held.since_ns > self._lease_ns[pe]:
+            held.is_told, held.cause = True, self._cause(pe, page)
+            self._turn.emit("outputs_held", pe=pe, modules=self._modules(pe), cause=held.cause)
+
+    def status(self, pe: str) -> dict[str, Any] | None:
+        """Give what a PE holds back, why and for how long; None: nothing, or for a moment only."""
+        held = self._held.get(pe)
+        if held is None or not held.is_told:
+            return None
+        return {"modules": self._modules(pe), "why": held.cause, "for_ns": self._turn.now_ns - held.since_ns}
+
+    def _modules(self, pe: str) -> list[str]:
+        running = self._deployment.running or {}
+        return [name for name, (_, where) in running.items() if where == pe and name in self._exclusive]
+
+    def _cause(self, pe: str, page: StatePage0) -> str:
+        current = self._deployment.current
+        if PeFlags.HEARS_LEASE not in page.flags:
+            return "it hears no LEASE of this manager"
+        if not self._health.is_available(pe):
+            return "it is not available, so ALIVE does not name it"
+        if current is not None and page.epoch != current.epoch:
+            return f"it runs epoch {page.epoch}, and epoch {current.epoch} is active"
+        return "it heard no node for longer than T_lease, or a frame told it of a newer epoch"

@@ -1,0 +1,44 @@
+"""Which nonces of a PE a manager answers: those that a holder of the key has made, and each for a short time.
+
+A nonce without its own tag (`Key.is_plausible`) is not answered, so a forged page 2 takes no place of a true one. A
+recorded nonce has that tag. Therefore a nonce is answered at most once in a period, and not any more once twice T_lease
+have passed since it was first heard: no PE uses a nonce for so long. As many as `_AT_ONCE` nonces of one PE are
+answered in a period, so a few recorded ones do not keep the true one from its answer.
+
+A lost page 2 is repeated by the PE, a late or doubled one costs an answer at most.
+"""
+
+from collections import deque
+
+from heronry_wire.protocol_times import t_lease_ns
+
+_AT_ONCE = 4
+_REMEMBERED = 256  # nonces of one PE
+
+
+class NonceAnswers:
+    """The nonces of one PE that a manager has heard."""
+
+    def __init__(self, period_ns: int) -> None:
+        """period_ns: heartbeat period of the PE's uplink."""
+        self._period_ns = period_ns
+        self._first_ns: dict[int, int] = {}  # when each nonce was first heard, oldest first
+        self._answered_ns: dict[int, int] = {}
+        self._last_ns: deque[int] = deque(maxlen=_AT_ONCE)  # times of the last answers
+
+    def is_due(self, nonce: int, now_ns: int) -> bool:
+        """Tell whether a plausible nonce is to be answered now; if so, it counts as answered."""
+        first_ns = self._first_ns.setdefault(nonce, now_ns)
+        if len(self._first_ns) > _REMEMBERED:
+            oldest = next(iter(self._first_ns))
+            del self._first_ns[oldest]
+            self._answered_ns.pop(oldest, None)
+        before_ns = self._answered_ns.get(nonce)
+        is_early = before_ns is not None and now_ns - before_ns < self._period_ns // 2
+        is_old = now_ns - first_ns > 2 * t_lease_ns(self._period_ns)
+        are_many = len(self._last_ns) == _AT_ONCE and now_ns - self._last_ns[0] < self._period_ns
+        if is_early or is_old or are_many:
+            return False
+        self._answered_ns[nonce] = now_ns
+        self._last_ns.append(now_ns)
+        return True

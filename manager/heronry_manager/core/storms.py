@@ -1,0 +1,55 @@
+"""Storms: changes that follow each other so fast that no epoch would ever be reached.
+
+A change normally ends the epoch that is being prepared, and replaces the request for a plan: the newest situation is
+answered first. If that has happened `_RESTARTS` times in a row, and for `_STORM_NS`, without one epoch being activated,
+there is a storm. In a storm changes are gathered: what is under way is finished first, and then one plan answers all
+that has changed meanwhile. Two things still end what is under way at once:
+
+- it has become illegal (`verify`): a PE or device that it uses is lost, say;
+- it would stop a critical function that runs now.
+
+A storm is over when an epoch is activated, or when everything runs as planned. Short bursts, such as many PEs that
+return together, are no storm.
+"""
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import score
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.core.turn import Turn
+
+_RESTARTS = 8
+_STORM_NS = 1_000_000_000
+
+
+class Storms:
+    """Counts what changes have ended since an epoch was last activated."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        self._spec, self._turn = spec, turn
+        self._restarts, self._since_ns = 0, 0
+
+    def ended_one(self) -> None:
+        """Note that a change has ended an epoch that was being prepared, or has replaced a request for a plan."""
+        if not self._restarts:
+            self._since_ns = self._turn.now_ns
+        self._restarts += 1
+
+    def over(self) -> None:
+        """Note that an epoch was activated, or that everything runs as planned."""
+        self._restarts = 0
+
+    @property
+    def rages(self) -> bool:
+        """Tell whether changes are to be gathered."""
+        return self._restarts >= _RESTARTS and self._turn.now_ns - self._since_ns >= _STORM_NS
+
+    def may_finish(self, now: Situation, wanted: Configuration, running: Configuration | None) -> bool:
+        """Tell whether a configuration may be finished although the situation has changed."""
+        if verify(self._spec, now, wanted):
+            return False
+        if running is None or verify(self._spec, now, running):
+            return True
+        before, after = (score(self._spec, now, one, None).critical for one in (running, wanted))
+        return after >= before

@@ -1,0 +1,44 @@
+"""CP-SAT, the solver of OR-Tools, without pandas; everything of the planner takes it from here.
+
+The Python interface imports pandas for functions on series of variables, which nothing here calls. That import takes
+longer than all others of a planner's process together. So an empty module stands in for pandas meanwhile; afterwards
+pandas can be imported as ever. Where that does not work, with another release of OR-Tools, or where a program has
+imported pandas before, the interface gets the true one.
+"""
+
+import sys
+from contextlib import suppress
+from importlib import import_module
+from types import ModuleType
+from typing import Final
+
+_INTERFACE: Final = "ortools.sat.python.cp_model"
+
+
+def load_without_pandas(module: str) -> None:
+    """Import a module that imports pandas for its types alone; no effect where it needs more of pandas."""
+    if "pandas" in sys.modules:
+        return
+    sys.modules["pandas"] = stand_in = ModuleType("pandas")
+    stand_in.__dict__["Series"] = stand_in.__dict__["Index"] = type("Series", (), {})
+    try:
+        with suppress(ImportError, AttributeError):
+            import_module(module)
+    finally:
+        del sys.modules["pandas"]
+
+
+load_without_pandas(_INTERFACE)
+
+from ortools.sat.python.cp_model import (  # noqa: E402 - the second import finds what the first one has loaded
+    FEASIBLE,
+    INFEASIBLE,
+    OPTIMAL,
+    CpModel,
+    CpSolver,
+    CpSolverStatus,
+    IntVar,
+    LinearExpr,
+)
+
+__all__ = ["FEASIBLE", "INFEASIBLE", "OPTIMAL", "CpModel", "CpSolver", "CpSolverStatus", "IntVar", "LinearExpr"]

@@ -1,0 +1,123 @@
+"""Readers of the manager's events, on its operator's socket: each gets a status first, then every event as a line.
+
+    {"v": 1, "do": "follow"}    {"v": 1, "t_ns": ..., "event": "status", "status": {...}, "plan": {...}, "bus": ...}
+                                {"v": 1, "t_ns": ..., "event": "pe_lost", ...}
+
+A reader never holds the manager up. What the kernel does not take waits in a queue of that reader, of at most
+LONGEST_QUEUE_BYTES. Where the queue is full, later lines are dropped and counted; when the reader has read all that
+waited, it gets `lines_lost` with that count, and a new status to go on from. No call here blocks.
+"""
+
+import contextlib
+import socket
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from heronry_manager.core.events import VERSION, to_line
+
+MOST_FOLLOWERS = 16
+LONGEST_QUEUE_BYTES = 512 * 1024
+
+Status = Callable[[], Mapping[str, Any]]
+
+
+@dataclass(slots=True)
+class _Follower:
+    waiting: deque[bytes] = field(default_factory=deque)
+    waiting_bytes: int = 0
+    needs_status: bool = True
+    dropped: int = 0  # lines since its queue was full
+
+    def put(self, line: bytes) -> None:
+        if self.needs_status or self.dropped or self.waiting_bytes + len(line) > LONGEST_QUEUE_BYTES:
+            self.dropped += not self.needs_status
+            return
+        self.waiting.append(line)
+        self.waiting_bytes += len(line)
+
+    def sent(self, count: int) -> None:
+        self.waiting_bytes -= count
+        rest = self.waiting.popleft()[count:]
+        if rest:
+            self.waiting.appendleft(rest)
+
+
+class Followers:
+    """All readers of one manager."""
+
+    def __init__(self) -> None:
+        self._of: dict[socket.socket, _Follower] = {}
+
+    def take(self, caller: socket.socket) -> bool:
+        """Let a caller follow from now on; tells whether there was room for it."""
+        if len(self._of) >= MOST_FOLLOWERS:
+            return False
+        self._of[caller] = _Follower()
+        return True
+
+    def readers(self) -> list[socket.socket]:
+        """Give the sockets that become readable when a reader hangs up."""
+        return list(self._of)
+
+    def writers(self) -> list[socket.socket]:
+        """Give the sockets for which lines wait: they become writable when their reader reads on."""
+        return [one for one, follower in self._of.items() if follower.waiting]
+
+    def heard(self, caller: socket.socket) -> None:
+        """Drop a reader that has hung up, and ignore what it says; a caller that does not follow stays as it is."""
+        if caller not in self._of:
+            return
+        with contextlib.suppress(BlockingIOError):
+            try:
+                is_over = not caller.recv(4096)
+            except ConnectionError:
+                is_over = True
+            if is_over:
+                self._drop(caller)
+
+    def tell(self, event: Mapping[str, Any]) -> None:
+        """Give an event to every reader; it goes out with the next `pump`."""
+        if self._of:
+            line = _line(event)
+            for follower in self._of.values():
+                follower.put(line)
+
+    def pump(self, status: Status) -> None:
+        """Send what the kernel takes, without waiting; `status` makes the line with which a reader begins."""
+        for caller, follower in list(self._of.items()):
+            if follower.waiting:
+                self._send(caller, follower)
+            if not follower.waiting and (follower.dropped or follower.needs_status) and caller in self._of:
+                self._begin(follower, status)
+                self._send(caller, follower)
+
+    def close(self) -> None:
+        """Hang up on every reader."""
+        for caller in list(self._of):
+            self._drop(caller)
+
+    def _begin(self, follower: _Follower, status: Status) -> None:
+        first, lost = status(), follower.dropped
+        follower.needs_status, follower.dropped = False, 0
+        if lost:
+            follower.put(_line({"v": VERSION, "t_ns": first["t_ns"], "event": "lines_lost", "lines": lost}))
+        follower.put(_line(first))
+
+    def _send(self, caller: socket.socket, follower: _Follower) -> None:
+        try:
+            while follower.waiting:
+                follower.sent(caller.send(follower.waiting[0]))
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(caller)
+
+    def _drop(self, caller: socket.socket) -> None:
+        del self._of[caller]
+        caller.close()
+
+
+def _line(event: Mapping[str, Any]) -> bytes:
+    return to_line(event).encode() + b"\n"

@@ -1,0 +1,84 @@
+"""A demo with its page: the address is told, the page follows the manager, and what it orders is done."""
+
+import json
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+from urllib.error import HTTPError
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+
+class Demo:
+    """A demo that goes on until it is ended."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-m", "heronry_tools", "demo", "elevator_and_chute", "--web", "--json"]
+        self.process = subprocess.Popen(
+            [*command, "--kill", "pe:sensor_pe@600"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.address, self.token = "", ""
+
+    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """Wait for an event; notes the address of the page on the way."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            told: dict[str, Any] = json.loads(line)
+            if told["event"] == "page":
+                self.address, _, self.token = told["address"].partition("#token=")
+            if told["event"] == kind and fields.items() <= told.items():
+                return told
+        raise AssertionError(f"no {kind}: {self.process.stderr.read() if self.process.stderr else ''}")
+
+    def order(self, token: str, **order: str) -> dict[str, Any]:
+        head = {
+            "content-type": "application/json",
+            "origin": self.address.removesuffix("/"),
+            "authorization": f"Bearer {token}",
+        }
+        asked = urllib.request.Request(f"{self.address}api/order", json.dumps(order).encode(), head)
+        try:
+            with urllib.request.urlopen(asked, timeout=20) as answer:
+                found: dict[str, Any] = json.load(answer)
+                return found
+        except HTTPError as error:
+            return {"code": error.code}
+
+    def snapshot(self) -> dict[str, Any]:
+        with urllib.request.urlopen(f"{self.address}api/snapshot", timeout=20) as answer:
+            found: dict[str, Any] = json.load(answer)
+            return found
+
+
+@pytest.fixture
+def demo() -> Iterator[Demo]:
+    flying = Demo()
+    yield flying
+    flying.process.terminate()
+    flying.process.communicate(timeout=30)
+
+
+def test_a_demo_shows_itself_and_executes_what_its_page_orders(demo: Demo) -> None:
+    epoch = demo.until("reconfigured")["epoch"]
+    if not demo.address:
+        demo.until("page")
+    assert demo.order("another", do="kill", what="pe:tail_pe") == {"code": 401}
+    killed = demo.order(demo.token, do="kill", what="pe:tail_pe")
+    assert killed["done"], killed
+    demo.until("process", pe="tail_pe", what="killed")
+    assert "does not run" in demo.order(demo.token, do="kill", what="pe:tail_pe")["sentence"]
+    assert demo.until("reconfigured")["epoch"] > epoch
+    assert not demo.order(demo.token, do="restore", what="pe:sensor_pe")["done"]
+    assert demo.order(demo.token, do="restore", what="pe:tail_pe")["done"]
+    demo.until("pe_joined", pe="tail_pe")
+    phase = demo.order(demo.token, do="phase", what="war")
+    assert not phase["done"]
+    shown = demo.snapshot()
+    assert shown["source"] == "manager"
+    assert shown["epoch"] > epoch
+    assert any("tail_pe" in cause for one in shown["reconfigurations"] for cause in one["causes"])
+    assert any(bus["load"] for bus in shown["buses"].values())

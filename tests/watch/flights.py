@@ -1,0 +1,136 @@
+"""Events of a flight, as a manager tells them."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+from heronry_manager.core.events import event
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.watch.recordings import Recording, open_recording
+from heronry_wire.frame import LoggedFrame, format_log_line
+
+MS = 1_000_000
+DATE_NS = 1_700_000_000_000_000_000
+TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
+
+
+def plan(pe: str, **functions: str | None) -> dict[str, Any]:
+    """The document of a plan: where the attitude filter runs, and which functions run in which mode, or do not."""
+    reports = {
+        name: {"served": mode is not None, "mode": mode, "value": 100 if mode else 0, "why_not": None if mode else "no"}
+        for name, mode in functions.items()
+    }
+    filtered = {"pe": pe, "mode": "fused", "inputs": {"0": {"producer": "imu_driver_1", "variable": "x", "version": 1}}}
+    used = {pe: {"cpu_millis": 70, "ram": 1000, "flash": 2000}}
+    buses = {"can0": {"bits_per_s": 10_000, "load": 0.25}}
+    modules = {"attitude_filter": filtered, "flaps": filtered}  # the spec has no flaps
+    return {"phase": "glide", "modules": modules, "functions": reports, "pes": used, "buses": buses}
+
+
+FIRST_PLAN = plan("nav", elevator="only", rudder="only", imaging=None)
+SECOND_PLAN = plan("air", elevator="only", rudder=None, imaging="only")
+
+
+def reconfigured(now_ns: int, epoch: int, cause: str, **modules: list[str]) -> dict[str, Any]:
+    changes = {"moved": [], "started": [], "stopped": [], **modules}
+    return event("reconfigured", now_ns, epoch=epoch, causes=[cause], times_ns=TIMES, **changes)
+
+
+START = [
+    event(
+        "manager_started",
+        0,
+        spec="big_blue",
+        spec_digest="ab" * 32,
+        node=126,
+        term=3,
+        bus="can0",
+        phase="ascent",
+        advises=False,
+        key=None,
+    ),
+    event("bus", 1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
+    event("pe_joined", 10 * MS, pe="nav", cause="first heard"),
+    event("pe_joined", 11 * MS, pe="air", cause="first heard"),
+    event("pe_absent", 12 * MS, pe="ground", cause="not heard since the start"),
+    event("plan_requested", 12 * MS, request=1, down=["pe:ground"], limits={}, phase="glide", causes=["pe:air joined"]),
+    event("plan_ready", 60 * MS, request=1, plan=FIRST_PLAN, decide_ns=48 * MS),
+    event("epoch_prepared", 60 * MS, epoch=1, digest="0000AB", contingency=0, pes=["nav", "air"], bytes=40),
+    event("epoch_step", 69 * MS, epoch=1, step="GO_ALL", waiting_for=[]),
+]
+RUNS = reconfigured(74 * MS, 1, "pe:air joined", started=["attitude_filter"])
+LOSS = [
+    event("pe_suspected", 1025 * MS, pe="nav", cause="a period was missed", silent_ns=25 * MS),
+    event("pe_lost", 1065 * MS, pe="nav", cause="silent for 3 periods", last_heard_ns=1000 * MS),
+    event("fault_reported", 1066 * MS, element="device:pitot", by="air", detail=7, code="REPORTED"),
+    event(
+        "plan_requested",
+        1066 * MS,
+        request=2,
+        down=["pe:ground", "pe:nav"],
+        limits={},
+        phase="glide",
+        causes=["pe:nav"],
+    ),
+]
+RECOVERY = [
+    event("plan_failed", 1070 * MS, request=2, reason="the planner was restarted"),
+    event(
+        "plan_requested",
+        2070 * MS,
+        request=3,
+        down=["pe:ground", "pe:nav"],
+        limits={},
+        phase="glide",
+        causes=["pe:nav"],
+    ),
+    event("plan_ready", 2100 * MS, request=3, plan=SECOND_PLAN, decide_ns=1030 * MS),
+    event("epoch_prepared", 2100 * MS, epoch=2, digest="0000AC", contingency=0, pes=["air"], bytes=20),
+    event("epoch_step", 2110 * MS, epoch=2, step="GO_ALL", waiting_for=[]),
+    reconfigured(2120 * MS, 2, "pe:nav", moved=["attitude_filter"]),
+    event("pe_heard_again", 3000 * MS, pe="nav", cause="heard after a silence"),
+]
+END = [
+    event("pe_joined", 3200 * MS, pe="nav", cause="steady again"),
+    event(
+        "plan_requested", 3200 * MS, request=4, down=["pe:ground"], limits={}, phase="glide", causes=["pe:nav joined"]
+    ),
+    event("plan_ready", 3230 * MS, request=4, plan=SECOND_PLAN, decide_ns=30 * MS),
+    event("plan_unchanged", 3230 * MS, request=4),
+    event("journal_failed", 4990 * MS, problem="No space left on device"),
+    event("journal_kept", 4995 * MS, before="No space left on device"),
+    event("second_manager", 5000 * MS, node=127, term=4),
+    event("stopped", 5000 * MS, reason="manager 127 is active with the higher term 4"),
+]
+
+
+ALL = [*START, RUNS, *LOSS, *RECOVERY, *END]
+
+
+def recorded_big_blue(file: Path) -> Path:
+    """The log of a simulated flight: nav is lost and comes back, then a sensor sticks and tail_b is lost."""
+    simulation = Simulation(load_spec("big_blue"), keep_trace=True)
+    simulation.run_until(1000 * MS)
+    simulation.fleet.kill("nav")
+    simulation.run_until(1700 * MS)
+    simulation.fleet.arrive("nav")
+    simulation.run_until(2500 * MS)
+    simulation.fleet.kill("tail_b")
+    simulation.run_until(3200 * MS)
+    dated = (LoggedFrame(DATE_NS + sent.end_ns, sent.bus, sent.frame) for sent in simulation.trace)
+    file.write_text("".join(format_log_line(logged) + "\n" for logged in dated))
+    return file
+
+
+@cache
+def big_blue_log() -> Path:
+    """That log, made once for all tests of this process."""
+    return recorded_big_blue(Path(mkdtemp(prefix="heronry-test-")) / "flight.log")
+
+
+@cache
+def big_blue() -> Recording:
+    """That log as a feed."""
+    return open_recording(big_blue_log(), "big_blue")

@@ -1,0 +1,103 @@
+"""A manager that is followed: its status, its events, its end and its return, without processes."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import pytest
+
+from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.core.events import event
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.shell.control_place import ControlError
+from heronry_manager.shell.control_socket import ControlSocket
+from heronry_manager.shell.followers import Followers
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.watch import live_feeds
+from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.reducer import Reducer
+
+SPEC = load_spec("big_blue")
+PATIENCE_S = 30.0
+
+
+def status(**changes: Any) -> dict[str, Any]:
+    """What a manager of big_blue says that listens, on a bus that cannot be opened here."""
+    core = ManagerCore(SPEC, 126, NOTHING, 5)
+    bus = {"name": "can0", "interface": "softbus", "channel": "/no/such.sock"}
+    place = {"bus": bus, "file": str(shipped_spec_path("big_blue"))}
+    return {"v": 1, "t_ns": 5, "event": "status", "status": core.status(), "plan": None, **place, **changes}
+
+
+@contextmanager
+def manager_on(path: Path, first: dict[str, Any]) -> Iterator[ControlSocket]:
+    """A manager's socket, served by a thread."""
+    over = Event()
+
+    def serve(control: ControlSocket) -> None:
+        while not over.wait(0.005):
+            control.poll()
+            control.followers.pump(lambda: first)
+
+    with ControlSocket(path) as control:
+        server = Thread(target=serve, args=(control,))
+        server.start()
+        try:
+            yield control
+        finally:
+            over.set()
+            server.join()
+
+
+def polled(feed: FollowedManager, until: Callable[[list[Any]], object]) -> list[Any]:
+    found: list[Any] = []
+    until_s = time.monotonic() + PATIENCE_S
+    while not until(found) and time.monotonic() < until_s:
+        found += feed.poll()
+        time.sleep(0.005)
+    assert until(found), found
+    return found
+
+
+def test_a_manager_is_followed_to_its_end_and_from_its_return_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_feeds, "_AGAIN_NS", 0)
+    path = tmp_path / "big_blue.sock"
+    with manager_on(path, status()) as control:
+        feed = FollowedManager(path)
+        assert (feed.spec.digest, feed.spec_file) == (SPEC.digest, shipped_spec_path("big_blue"))
+        assert len(feed.readers()) == 1
+        control.followers.tell(event("phase_changed", 9, phase="landing", before="ascent", by="operator"))
+        events = polled(feed, lambda found: len(found) == 2)
+        view = Reducer(SPEC).all(events).snapshot
+        assert (view.phase, view.manager.state, view.manager.node) == ("landing", "listening", 126)
+    polled(feed, lambda _: feed.trouble is not None)
+    assert "has gone" in str(feed.trouble)
+    assert feed.readers() == []
+    with manager_on(path, status(t_ns=99)):
+        events = polled(feed, lambda found: found)
+        assert (events[0]["event"], events[0]["t_ns"], feed.trouble) == ("status", 99, None)
+    feed.close()
+
+
+def test_a_manager_that_cannot_be_followed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "big_blue.sock"
+    other = status()
+    other["status"] = {**other["status"], "spec_digest": "ab" * 32}
+    with manager_on(path, other), pytest.raises(UserError, match="has changed since the manager was started"):
+        FollowedManager(path)
+    with manager_on(path, {"done": False, "sentence": "no"}), pytest.raises(ControlError, match="cannot be followed"):
+        FollowedManager(path)
+    with manager_on(path, status()):
+        monkeypatch.setattr(Followers, "take", lambda *_: False)
+        with pytest.raises(ControlError, match="too many readers"):
+            FollowedManager(path)
+    monkeypatch.setattr(live_feeds, "_FIRST_LINE_S", 0.05)
+    with ControlSocket(path), pytest.raises(ControlError, match="gives no status"):
+        FollowedManager(path)

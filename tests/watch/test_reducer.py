@@ -1,0 +1,231 @@
+"""The reducer of all views: a flight as its snapshot tells it, whatever feed it comes from."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from heronry_dg.model import Spec
+from heronry_manager.core.events import event, to_line
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.watch.observations import OBSERVATIONS, observation
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.schema import SCHEMA_FILE, schema_text
+from heronry_tools.watch.snapshot import KEPT_EVENTS, KEPT_RECONFIGURATIONS, Outage, Place, Snapshot, document
+from watch.flights import ALL, END, LOSS, MS, RECOVERY, RUNS, START, TIMES, plan, reconfigured
+
+SPEC: Spec = load_spec("big_blue")
+REDUCER = Reducer(SPEC)
+
+
+def snapshot(*events) -> Snapshot:
+    return REDUCER.all(events).snapshot
+
+
+def test_a_flight_as_its_snapshot_tells_it() -> None:
+    state = REDUCER.all(START)
+    view = state.snapshot
+    assert (view.spec, view.stage, view.epoch, view.next_epoch) == ("big_blue", "activating", None, 1)
+    assert {name: pe.standing for name, pe in view.pes.items() if pe.standing != "waiting"} == {
+        "nav": "up",
+        "air": "up",
+        "ground": "down",
+    }
+    assert view.functions["elevator"].why_not == "nothing runs yet"
+    state = REDUCER.after(state, RUNS)
+    view = state.snapshot
+    assert (view.stage, view.epoch, view.next_epoch) == ("running", 1, None)
+    assert (view.modules["attitude_filter"].pe, view.pes["nav"].modules) == ("nav", ("attitude_filter",))
+    assert (view.pes["nav"].cpu.used, view.buses["can0"].planned) == (70, 0.25)
+    assert view.graph.nodes["module:attitude_filter"] == "served"
+    assert view.reconfigurations[0].gained == ("elevator", "rudder")
+    state = REDUCER.all(LOSS, state)
+    view = state.snapshot
+    assert (view.pes["nav"].standing, view.pes["nav"].why, view.stage) == ("down", "silent for 3 periods", "planning")
+    assert [(fault.element, fault.by, fault.since_ns) for fault in view.faults] == [("device:pitot", "air", 1066 * MS)]
+    assert {"pe:nav", "device:pitot", "pe:ground"} == set(view.down)
+    assert view.graph.nodes["module:imu_driver_1"] == "dead"
+    state = REDUCER.all(RECOVERY, state)
+    view = state.snapshot
+    assert (view.stage, view.epoch, view.pes["nav"].standing) == ("running", 2, "returning")
+    last = view.reconfigurations[-1]
+    assert (last.number, last.epoch, last.moved, last.causes) == (2, 2, ("attitude_filter",), ("pe:nav",))
+    assert (last.lost, last.gained, last.kept) == (("rudder",), ("imaging",), ("elevator",))
+    assert (last.before["attitude_filter"], last.after["attitude_filter"]) == (
+        Place("nav", "fused"),
+        Place("air", "fused"),
+    )
+    assert last.times_ns.detect == TIMES["detect"]
+    assert last.done_ns - last.began_ns == sum(TIMES.values())
+    view = REDUCER.all(END, state).snapshot
+    assert (view.pes["nav"].standing, view.stage, view.manager.journal) == ("up", "stopped", None)
+
+
+@given(st.integers(0, len(ALL)))
+@settings(max_examples=10)
+def test_a_view_may_start_anywhere_and_leaves_what_it_started_from_alone(cut: int) -> None:
+    before = REDUCER.all(ALL[:cut])
+    kept = json.dumps(document(before.snapshot))
+    assert REDUCER.all(ALL[cut:], before) == REDUCER.all(ALL)
+    assert json.dumps(document(before.snapshot)) == kept
+
+
+def test_a_recorded_stream_gives_the_same_snapshot_as_a_live_one() -> None:
+    recorded = "".join(to_line(one) + "\n" for one in ALL)
+    assert REDUCER.all(map(json.loads, recorded.splitlines())) == REDUCER.all(ALL)
+
+
+def test_a_snapshot_comes_back_from_its_document() -> None:
+    view = snapshot(*ALL)
+    assert TypeAdapter(Snapshot).validate_json(json.dumps(document(view)), strict=False) == view
+
+
+def test_the_schema_file_is_that_of_the_snapshot() -> None:
+    assert SCHEMA_FILE.read_text() == schema_text(), "write it anew: heronry top --schema > " + str(SCHEMA_FILE)
+
+
+def test_every_document_fits_the_schema() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    check = jsonschema.Draft202012Validator(json.loads(SCHEMA_FILE.read_text()))
+    for cut in (0, 5, len(ALL)):
+        check.validate(json.loads(json.dumps(document(snapshot(*ALL[:cut])))))
+
+
+def test_kinds_of_a_later_version_only_count() -> None:
+    view = snapshot({"v": 2, "t_ns": 1, "event": "landed", "where": "sea"}, {})
+    assert (view.events, view.told) == (2, ())
+
+
+def test_a_fault_that_is_reported_twice_is_latched_once_until_it_is_cleared() -> None:
+    assert len(snapshot(LOSS[2], LOSS[2]).faults) == 1
+    assert snapshot(LOSS[2], event("fault_cleared", 9, element="device:pitot", by="operator")).faults == ()
+
+
+def test_a_radio_is_shown_while_it_is_not_whole() -> None:
+    radio = next(bus.name for bus in SPEC.buses.values() if bus.kind == "wireless")
+    limited = event("link_limited", MS, bus=radio, by="comms", share="40%")
+    gone, back = (event(kind, 2 * MS, bus=radio, by="comms") for kind in ("link_gone", "link_back"))
+    assert snapshot(limited).buses[radio].link == "40%"
+    assert snapshot(limited, gone).buses[radio].link == "gone"
+    assert snapshot(limited, gone, back).buses[radio].link is None
+    assert snapshot(event("link_limited", MS, bus="another", by="x", share="1%")).buses.keys() == SPEC.buses.keys()
+
+
+def test_the_nodes_that_lack_a_channel_are_known_until_it_is_back() -> None:
+    lost = [event("channel_lost", 1, channel="can0.2", by=by) for by in ("nav", "the manager", "nav")]
+    assert snapshot(*lost).buses["can0"].channels["can0.2"] == ("the manager", "nav")
+    back = [event("channel_back", 2, channel="can0.2", by="nav")]
+    assert snapshot(*lost, *back).buses["can0"].channels["can0.2"] == ("the manager",)
+    assert snapshot(event("channel_lost", 1, channel="x.2", by="nav")).buses == snapshot().buses
+
+
+def test_modules_that_fail_and_restart_are_counted_with_their_pe() -> None:
+    element = "module:attitude_filter"
+    restarts = [event("module_restarted", n, element=element, by="nav", times=n) for n in (1, 2, 2)]
+    failed = event("module_failed", 3, element=element, by="nav", text="ValueError: 1, in filter.py, line 4")
+    strange = [{**one, "element": "module:flaps"} for one in (restarts[0], failed)]
+    view = snapshot(*restarts, failed, *strange)
+    assert (view.modules["attitude_filter"].restarts, view.pes["nav"].restarts) == (2, 2)
+    assert view.modules["attitude_filter"].failure == failed["text"]
+
+
+def test_priorities_hold_until_the_specs_is_back() -> None:
+    changed = event("priority_changed", 1, function="imaging", priority=90, before="default", by="operator")
+    view = snapshot(changed)
+    assert (view.priorities, view.functions["imaging"].priority) == ({"imaging": 90}, 90)
+    assert snapshot(changed, {**changed, "priority": "default"}).priorities == {}
+
+
+def test_a_silence_belongs_to_the_reconfiguration_in_which_it_began() -> None:
+    silent = event("outage", 0, function="elevator", from_ns=2100 * MS, to_ns=None)
+    over = {**silent, "to_ns": 2200 * MS}
+    whole = Outage("elevator", 2100 * MS, 2200 * MS)
+    for events in ([*ALL, silent, over], [*START, RUNS, *LOSS, silent, *RECOVERY, over]):
+        view = snapshot(*events)
+        assert [one.outages for one in view.reconfigurations] == [(), (whole,)]
+        assert view.outages == (whole,)
+
+
+def test_what_a_bus_shows_of_a_pe() -> None:
+    seen = observation(
+        "pe_seen", 5 * MS, pe="nav", incarnation=7, epoch=3, runs="ACTIVE", hears_manager=True, load_percent=None
+    )
+    again = {**seen, "t_ns": 6 * MS, "incarnation": 8}
+    view = snapshot(seen, again, {**seen, "pe": "stranger"})
+    assert (view.pes["nav"].incarnation, view.pes["nav"].reboots, view.pes["nav"].last_heard_ns) == (8, 1, 6 * MS)
+    heard = observation("heard", 9 * MS, pes={"nav": 9 * MS}, functions={"elevator": [8 * MS, True]})
+    view = snapshot(seen, heard)
+    assert (view.pes["nav"].last_heard_ns, view.functions["elevator"].heard) == (9 * MS, True)
+
+
+def test_what_a_bus_shows_of_traffic_manager_and_epochs() -> None:
+    traffic = {"load": 0.3, "peak": 0.5, "bits_per_s": {"data": 9}, "frames_per_s": 1, "errors": 2, "error_state": None}
+    events = [
+        observation("feed", 0, source="bus", knows_why=False, spec="big_blue", spec_digest=""),
+        observation("bus_seen", 1, bus="can0", **traffic),
+        observation("bus_seen", 1, bus="another", **traffic),
+        observation("manager_seen", 2, node=127, term=4),
+        observation(
+            "epoch_seen", 90, epoch=1, plan=plan("nav", elevator="only"), began_ns=50, times_ns={"activate": 9}
+        ),
+    ]
+    view = snapshot(*events)
+    assert (view.source, view.knows_why, view.buses["can0"].peak) == ("bus", False, 0.5)
+    assert (view.manager.node, view.manager.term, view.epoch) == (127, 4, 1)
+    assert (view.reconfigurations[0].began_ns, view.reconfigurations[0].causes) == (50, ())
+    assert view.reconfigurations[0].times_ns.detect is None
+    unknown = observation("epoch_seen", 99, epoch=2, plan=None, began_ns=95, times_ns={})
+    view = snapshot(*events, unknown)
+    assert (view.unknown_epoch, view.functions["elevator"].served) == (2, None)
+    view = snapshot(*events, event("unknown_epoch", 99, epoch=2))
+    assert (view.epoch, view.modules["attitude_filter"].pe) == (None, None)
+
+
+def test_a_plan_that_cannot_be_read_is_none() -> None:
+    broken = observation("runs", 1, epoch=1, plan={"modules": {"attitude_filter": {"pe": "nav"}}})
+    assert snapshot(broken).modules["attitude_filter"].pe is None
+
+
+def test_a_take_over_an_adoption_and_what_runs() -> None:
+    events = [
+        event("standing_by", 1, node=126, term=2),
+        event("taken_over", 2, term=3, before=2, silent_ns=5, phase="glide"),
+        event("adopted", 3, epoch=9, digest="0000AB"),
+        observation("runs", 4, epoch=9, plan=plan("nav", elevator="only")),
+        event("control_paths", 5, epoch=9, plants={"airframe": "open"}),
+        event("stood_still", 6, by="nav", for_ns=MS, times=3),
+        event("bus_trouble", 7, sentence="the bus is off"),
+        observation("lines_lost", 8, lines=4),
+        event("epoch_prepared", 9, epoch=10, digest="", contingency=0, pes=[], bytes=0),
+        event("epoch_abandoned", 10, epoch=10, reason="a fault"),
+    ]
+    view = snapshot(*events)
+    assert (view.manager.term, view.phase, view.epoch, view.next_epoch) == (3, "glide", 9, None)
+    assert (view.modules["attitude_filter"].pe, view.plants["airframe"].state) == ("nav", "open")
+    assert (view.pes["nav"].stood_still, view.buses["can0"].trouble, view.lost_lines) == (3, "the bus is off", 4)
+    assert snapshot(*events[:2]).manager.state == "reigning"
+    assert snapshot(events[0]).manager.state == "standby"
+
+
+def test_only_the_last_events_and_reconfigurations_are_kept() -> None:
+    many = [reconfigured(number * MS, number, "x") for number in range(1, KEPT_EVENTS + 10)]
+    view = snapshot(*many[: KEPT_RECONFIGURATIONS + 10])
+    assert [one.number for one in view.reconfigurations][:2] == [11, 12]
+    assert len(view.reconfigurations) == KEPT_RECONFIGURATIONS
+    stopped = [event("stopped", n, reason="x") for n in range(KEPT_EVENTS + 10)]
+    told = snapshot(*stopped).told
+    assert (len(told), told[-1].number) == (KEPT_EVENTS, KEPT_EVENTS + 10)
+
+
+def test_a_pe_that_is_suspected_and_answers_is_not_listed() -> None:
+    view = snapshot(event("pe_suspected", 1, pe="nav", cause="x", silent_ns=1), event("pe_answered", 2, pe="nav"))
+    assert (view.told, view.pes["nav"].standing) == ((), "up")
+
+
+def test_the_page_tells_of_every_observation_and_key() -> None:
+    page = Path("docs/watch.md").read_text()
+    missing = [name for name in [*OBSERVATIONS, *document(snapshot())] if f"`{name}`" not in page]
+    assert missing == []

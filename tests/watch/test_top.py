@@ -1,0 +1,212 @@
+"""`heronry top` on a recorded flight, through Textual's pilot and in a pseudo-terminal."""
+
+import asyncio
+import os
+import pty
+import select
+import subprocess
+import sys
+import time
+
+import pytest
+from textual.widgets import Input, Static
+
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.top import panels
+from heronry_tools.watch.top.app import REPAINT_S, Reading, TopApp
+from heronry_tools.watch.top.panels import Look
+from heronry_tools.watch.top.sources import LiveSource, RecordedSource
+from watch.flights import MS, big_blue, big_blue_log
+
+pytestmark = pytest.mark.xdist_group("big_blue_log")  # it is flown once
+
+SMALL, LARGE = (80, 24), (200, 50)
+
+
+def shown(app: TopApp, name: str) -> str:
+    return str(app.query_one(f"#{name}", Static).content)
+
+
+def inside(app: TopApp, name: str) -> bool:
+    region = app.query_one(f"#{name}").region
+    return (
+        region.width > 0 and region.height > 0 and region.right <= app.size.width and region.bottom <= app.size.height
+    )
+
+
+def fly(size: tuple[int, int], play) -> None:
+    async def run() -> None:
+        app = TopApp(RecordedSource(big_blue()))
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await play(app, pilot)
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_every_panel_says_what_the_snapshot_says(size: tuple[int, int]) -> None:
+    async def play(app: TopApp, pilot) -> None:
+        for at_s in (0.1, 0.5, 1.04, 1.2, 2.0, 2.6, 3.0):
+            app.source.move_to(app.source.timeline.begins_ns + round(at_s * 1e9))
+            app.paint()
+            await pilot.pause()
+            view = app.snapshot()
+            assert f"epoch {view.epoch if view.epoch is not None else '-'}" in shown(app, "head")
+            assert f"{at_s:.2f} of" in shown(app, "head")
+            for name, pe in view.pes.items():
+                letter = panels._STANDING[pe.standing][0]
+                assert any(line.startswith(letter) and name in line for line in shown(app, "pes").splitlines())
+            for name, one in view.functions.items():
+                if not one.wanted:
+                    assert name in shown(app, "functions").splitlines()[-1]
+                    continue
+                line = next(line for line in shown(app, "functions").splitlines() if f" {name:<16.16} " in line)
+                assert line[0] == panels.function_state(one)[0]
+            for name in view.buses:
+                assert name in shown(app, "buses")
+            if view.reconfigurations:
+                assert str(view.reconfigurations[-1].epoch) in shown(app, "reconfigurations").splitlines()[1]
+            assert view.told[-1].sentence in shown(app, "events")
+        for name in ("head", "buses", "pes", "functions-scroll", "events-box"):
+            assert inside(app, name), name
+
+    fly(size, play)
+
+
+def test_a_small_terminal_shows_one_panel_below_and_a_large_one_all() -> None:
+    async def small(app: TopApp, pilot) -> None:
+        assert [app.query_one(f"#{name}-box").display for name in ("events", "reconfigurations", "modules")] == [
+            True,
+            False,
+            False,
+        ]
+        await pilot.press("3")
+        assert inside(app, "modules-box")
+        await pilot.press("tab")
+        assert inside(app, "events-box")
+
+    async def large(app: TopApp, pilot) -> None:
+        assert all(inside(app, f"{name}-box") for name in ("events", "reconfigurations", "modules"))
+
+    fly(SMALL, small)
+    fly(LARGE, large)
+
+
+def test_the_keys() -> None:
+    async def play(app: TopApp, pilot) -> None:
+        first, second = list(app.snapshot().pes)[:2]
+        assert app.look.selected == first
+        await pilot.press("down")
+        assert app.look.selected == second
+        await pilot.press("up", "up")
+        assert app.look.selected == list(app.snapshot().pes)[-1]
+        await pilot.press("d")
+        assert isinstance(app.screen, Reading)
+        await pilot.press("escape")
+        await pilot.press("question_mark")
+        assert isinstance(app.screen, Reading)
+        await pilot.press("q")
+        assert not isinstance(app.screen, Reading)
+        await pilot.press("slash")
+        app.query_one("#filter", Input).value = "tail_b"
+        await pilot.press("enter")
+        assert "tail_b" in shown(app, "pes")
+        assert "nav" not in shown(app, "pes")
+        await pilot.press("left_square_bracket")
+        assert app.source.at_ns == app.source.timeline.reconfigurations()[-1]
+        await pilot.press("right_square_bracket", "left", "right", "home")
+        assert app.source.at_ns == app.source.timeline.begins_ns
+        await pilot.press("end", "p")
+        assert "1x" in app.source.note()
+
+    fly(SMALL, play)
+
+
+def test_a_frozen_picture_stays_while_counting_goes_on() -> None:
+    async def play(app: TopApp, pilot) -> None:
+        timeline = app.source.timeline
+        app.source.move_to(timeline.begins_ns + 500 * MS)
+        await pilot.press("space")
+        before = shown(app, "events")
+        app.source.move_to(timeline.ends_ns)
+        app.paint()
+        assert shown(app, "events") == before
+        assert "FROZEN" in shown(app, "head")
+        assert "0 events since" not in shown(app, "head")
+        await pilot.press("space")
+        assert shown(app, "events") != before
+
+    fly(SMALL, play)
+
+
+def test_a_live_feed_is_taken_as_it_comes_and_painted_at_most_twice_a_second() -> None:
+    events, ours = list(big_blue().events), os.pipe()
+
+    class Feed:
+        spec, source, trouble, frames = big_blue().spec, "manager", "the manager has gone", []
+
+        def readers(self):
+            return [ours[0]] if events else []
+
+        def poll(self):
+            return [events.pop(0) for _ in range(min(50, len(events)))]
+
+        def close(self):
+            os.close(ours[0])
+
+    async def run() -> None:
+        source = LiveSource(Feed())
+        app = TopApp(source)
+        begun = time.monotonic()
+        async with app.run_test(size=SMALL) as pilot:
+            os.write(ours[1], b"x")
+            while events:
+                await pilot.pause(0.05)
+            app.paint()
+            assert "has gone" in shown(app, "head")
+            most = (time.monotonic() - begun) / REPAINT_S + 4  # at the start, at a change of size, by this test
+            assert app.repaints <= most
+        assert source.snapshot() == Reducer(big_blue().spec).all(big_blue().events).snapshot
+        source.close()
+
+    asyncio.run(run())
+    os.close(ours[1])
+
+
+def test_what_is_not_known_is_shown_as_that() -> None:
+    view = Reducer(big_blue().spec).start().snapshot
+    assert "not heard here" in str(panels.buses(view, 80)[0])
+    assert "no PE is selected" in str(panels.modules(view, Look())[0])
+    assert "none yet" in str(panels.reconfigurations(view, Look())[-1])
+    assert "nothing yet" in str(panels.events(view, Look(), 5)[0])
+    assert list(panels.details(view, Look()))[-1].endswith("nothing runs yet")
+
+
+def test_lines_are_cut_at_the_edge_and_never_wrapped() -> None:
+    text = panels.joined(panels.functions(big_blue().timeline().last(), Look()))
+    assert text.no_wrap
+    assert text.overflow == "ellipsis"
+
+
+def test_a_real_run_in_a_pseudo_terminal() -> None:
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
+    typed = [sys.executable, "-m", "heronry_tools", "top", "--log", str(big_blue_log()), "big_blue"]
+    process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, env=environment)
+    os.close(theirs)
+    seen, until_s = b"", time.monotonic() + 120
+    while b"big_blue" not in seen and time.monotonic() < until_s and process.poll() is None:
+        if select.select([ours], [], [], 0.2)[0]:
+            seen += os.read(ours, 1 << 16)
+    assert b"big_blue" in seen, seen[-2000:]
+    os.write(ours, b"q")
+    while process.poll() is None and time.monotonic() < until_s:
+        if select.select([ours], [], [], 0.2)[0]:
+            try:
+                os.read(ours, 1 << 16)
+            except OSError:
+                break
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (0, b"")
+    os.close(ours)

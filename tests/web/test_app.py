@@ -1,0 +1,193 @@
+"""The addresses of the web application, asked as a browser would, and as another site would."""
+
+import asyncio
+import json
+import socket
+import threading
+
+import pytest
+from starlette.testclient import TestClient
+
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.web.app import Site, application
+from heronry_tools.web.guard import HEADERS, Access
+from heronry_tools.web.live import Live
+from heronry_tools.web.orders import Orders
+from heronry_tools.web.questions import Questions
+from heronry_tools.web.recording import Recording
+from heronry_tools.web.stream import live_stream
+from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+from web.flight import big_blue, flown
+
+TOKEN = "t0ken"
+ORIGIN = "http://127.0.0.1:8321"
+ORDER = {"authorization": f"Bearer {TOKEN}", "origin": ORIGIN}
+
+
+def live_site(**changes):
+    live = Live(Reducer(big_blue()), "manager")
+    for event in flown():
+        live.take(event)
+    given = {"orders": Orders(None), "access": Access("127.0.0.1", 8321, TOKEN), **changes}
+    return Site(big_blue(), live, Questions(big_blue(), shipped_spec_path("big_blue")), **given)
+
+
+def client(site):
+    return TestClient(application(site), base_url=ORIGIN)
+
+
+@pytest.fixture(scope="module")
+def reading():
+    with client(live_site()) as asking:
+        yield asking
+
+
+def test_the_page_and_its_parts_are_there_with_all_security_headers(reading):
+    page = reading.get("/")
+    assert "heronry" in page.text
+    for name, value in HEADERS.items():
+        assert page.headers[name] == value
+    for part in ("main.js", "page.css", "colours.css", "icon.svg"):
+        assert reading.get(f"/page/{part}").status_code == 200
+    assert reading.get("/page/../app.py").status_code == 404
+
+
+def test_the_page_has_no_style_or_script_in_its_text(reading):
+    text = reading.get("/").text
+    assert " style=" not in text
+    assert "<script>" not in text
+    assert " onclick" not in text
+
+
+def test_facts_name_everything_that_a_page_lists(reading):
+    facts = reading.get("/api/facts").json()
+    spec = big_blue()
+    assert facts["phases"] == list(spec.phases)
+    assert set(facts["modules"]) == set(spec.modules)
+    assert facts["orders"] == []
+    assert not facts["recorded"]
+    assert facts["modules"]["pressure_voter"]["modes"][0]["needs"] == "2 of (pressure_1, pressure_2, pressure_3)"
+    keys = {symbol["key"] for symbol in facts["symbols"]}
+    assert keys == set(reading.get("/api/snapshot").json()["graph"]["nodes"])
+    assert all(keys >= set(some) for some in facts["contributing"].values())
+
+
+def test_a_drawing_has_every_symbol_and_edge_of_the_snapshot(reading):
+    drawing, graph = reading.get("/api/graph").text, reading.get("/api/snapshot").json()["graph"]
+    for key in graph["nodes"]:
+        assert f'data-key="{key}"' in drawing
+    named = set(" ".join(part.split('"')[0] for part in drawing.split('data-edges="')[1:]).replace("&gt;", ">").split())
+    assert named == set(graph["edges"])
+    assert reading.get("/api/graph", params={"function": "elevator"}).text != drawing
+    assert reading.get("/api/graph", params={"function": "flaps"}).status_code == 404
+
+
+def test_the_events_are_a_file_of_lines(reading):
+    file = reading.get("/api/events.jsonl")
+    assert "attachment" in file.headers["content-disposition"]
+    kinds = [json.loads(line)["event"] for line in file.text.splitlines()]
+    assert "reconfigured" in kinds
+    assert "bus_seen" not in kinds
+
+
+def test_frames_are_given_where_they_are_recorded(reading):
+    assert "heronry record" in reading.get("/api/flight.log").json()["sentence"]
+    frame = LoggedFrame(1_000_000, "can0", Frame(0x7FE, b"\x00"))
+    with client(live_site(frames=[frame])) as asking:
+        assert asking.get("/api/flight.log").text == f"{format_log_line(frame)}\n"
+        assert asking.get("/api/facts").json()["has_frames"]
+
+
+def test_a_recording_gives_any_moment():
+    recording = Recording(Reducer(big_blue()), flown(), "log")
+    site = live_site()
+    site.shown = recording
+    with client(site) as asking:
+        early = asking.get("/api/snapshot", params={"at_ns": recording.marks[0]["t_ns"]}).json()
+        assert early["epoch"] == recording.marks[0]["epoch"]
+        assert asking.get("/api/snapshot", params={"at_ns": "soon"}).json()["events"] == len(flown())
+        assert asking.get("/api/snapshot", params={"at_ns": "nan"}).json()["events"] == len(flown())
+        assert asking.get("/api/facts").json()["recorded"]
+
+
+def test_another_site_learns_and_orders_nothing(reading):
+    assert reading.get("/api/snapshot", headers={"origin": "http://evil.example"}).status_code == 403
+    assert reading.get("/api/snapshot", headers={"host": "evil.example:8321"}).status_code == 403
+    refused = reading.post("/api/order", json={"do": "fail", "what": "pe:nav"}, headers=ORDER)
+    assert refused.status_code == 403
+    assert "--operate" in refused.json()["sentence"]
+    assert "access-control-allow-origin" not in reading.get("/api/snapshot", headers={"origin": ORIGIN}).headers
+
+
+def demo(answer):
+    """A demo that takes one order."""
+    here, there = socket.socketpair()
+    got = []
+
+    def take():
+        with there:
+            got.append(json.loads(there.recv(4096)))
+            there.sendall(answer)
+
+    threading.Thread(target=take, daemon=True).start()
+    return here, got
+
+
+def operated(orders):
+    return client(live_site(orders=orders, access=Access("127.0.0.1", 8321, TOKEN, operates=True)))
+
+
+def test_orders_of_a_demo_reach_it():
+    here, got = demo(b'{"done": true, "sentence": "pe:nav is killed"}\n')
+    with here, operated(Orders(None, here)) as asking:
+        assert asking.get("/api/facts").json()["orders"] == ["kill", "restore"]
+        answer = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
+    assert answer == {"done": True, "sentence": "pe:nav is killed"}
+    assert got == [{"do": "kill", "what": "nav"}]
+
+
+def test_a_demo_that_has_ended_is_told():
+    here, there = socket.socketpair()
+    there.close()
+    with here, operated(Orders(None, here)) as asking:
+        answer = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
+    assert not answer["done"]
+    assert "has it ended?" in answer["sentence"]
+
+
+def test_an_order_to_a_manager_that_is_not_there_is_answered(tmp_path):
+    with operated(Orders(tmp_path / "none.sock")) as asking:
+        answer = asking.post("/api/order", json={"do": "fail", "what": "pe:nav"}, headers=ORDER).json()
+        assert not answer["done"]
+        assert "no manager listens" in answer["sentence"]
+        unknown = asking.post("/api/order", json={"do": "kill", "what": "pe:nav"}, headers=ORDER).json()
+        assert "phase, fail, clear" in unknown["sentence"]
+        for body in ("[1]", "{", "null"):
+            head = {**ORDER, "content-type": "application/json"}
+            assert not asking.post("/api/order", content=body, headers=head).json()["done"]
+
+
+def test_a_question_that_is_none_is_refused(reading):
+    head = {"origin": ORIGIN, "content-type": "application/json"}
+    assert reading.post("/api/ask", content="[]", headers=head).status_code == 400
+    assert reading.post("/api/ask", content='{"a": "' + "x" * 70_000 + '"}', headers=head).status_code == 400
+
+
+def test_the_stream_of_a_live_system_tells_what_comes_and_when_nothing_does():
+    async def read():
+        live, closing = Live(Reducer(big_blue()), "manager"), asyncio.Event()
+        stream = live_stream(live, closing)
+        found = [await anext(stream), await anext(stream)]
+        for event in flown()[:40]:
+            live.take(event)
+        found.append(await anext(stream))
+        live.waits("the manager has ended")
+        found.append(await anext(stream))
+        closing.set()
+        return [*found, *[one async for one in stream]], live
+
+    found, live = asyncio.run(read())
+    assert [one.split("\n")[0] for one in found] == ["event: whole", "event: beat", "event: change", "event: beat"]
+    assert json.loads(found[2].split("data: ")[1])["set"]["events"] == live.snapshot.events == 40
+    assert "the manager has ended" in found[3]

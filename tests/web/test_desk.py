@@ -1,0 +1,108 @@
+"""The planner's process gives what `heronry plan` and `heronry why` give, and a question that is stale ends it."""
+
+import asyncio
+import json
+from random import Random
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import elements
+from heronry_tools.cli import main as heronry
+from heronry_tools.web.desk import Desk
+from heronry_tools.web.questions import Questions
+from thoroughness import mostly_soak
+from web.flight import big_blue
+
+
+def printed(capsys, *words):
+    assert heronry(list(words)) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def drawn(seed):
+    random = Random(seed)
+    down = random.sample(elements(big_blue()), random.randint(0, 3))
+    return down, random.choice(list(big_blue().phases))
+
+
+@pytest.mark.parametrize("seed", mostly_soak(range(30), [3]))
+def test_the_plan_is_that_of_the_command(seed, capsys):
+    down, phase = drawn(seed)
+    flags = [word for element in down for word in ("--down", element)]
+    told = Desk(big_blue()).answer({"ask": "plan", "down": down, "phase": phase})
+    assert told["plan"] == printed(capsys, "plan", "big_blue", "--json", "--phase", phase, *flags)
+    running = {key for key, state in told["graph"]["nodes"].items() if state in ("served", "degraded")}
+    assert {key for key in running if key.startswith("module:")} == {
+        f"module:{name}" for name in told["plan"]["modules"]
+    }
+
+
+def test_why_is_that_of_the_command(capsys):
+    question = {"ask": "why", "function": "elevator", "down": ["pe:tail_pe"], "phase": None}
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    told = Desk(spec).answer(question)
+    assert told["why"] == printed(capsys, "why", "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--json")
+
+
+@pytest.mark.parametrize(
+    ("question", "sentence"),
+    [
+        ({"ask": "plan", "down": ["pe:nap"]}, "did you mean 'nav'?"),
+        ({"ask": "plan", "phase": "war"}, "no phase is named 'war'"),
+        ({"ask": "why", "function": "flaps"}, "no function is named 'flaps'"),
+        ({"ask": "the oracle"}, "this is no question"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(question, sentence):
+    assert sentence in Desk(big_blue()).answer(question)["refused"]
+
+
+def asked(questions, *then):
+    async def run():
+        try:
+            return [await one(questions) for one in then]
+        finally:
+            await questions.close()
+
+    return asyncio.run(run())
+
+
+QUESTION = {"ask": "plan", "down": [], "phase": None}
+SMALL = shipped_spec_path("elevator_and_chute")
+
+
+def test_a_question_that_is_stale_ends_the_search_and_the_next_is_answered():
+    async def cancelled(questions):
+        await questions.warm()
+        number = questions._process.pid
+        task = asyncio.create_task(questions.ask(QUESTION))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        return number
+
+    async def answered(questions):
+        return await questions.ask(QUESTION), questions._process.pid
+
+    first, (told, second) = asked(Questions(load(SMALL), SMALL), cancelled, answered)
+    assert "plan" in told
+    assert first != second
+
+
+def test_a_spec_that_has_changed_is_told(tmp_path):
+    file = tmp_path / "own.dg.yaml"
+    file.write_bytes(SMALL.read_bytes())
+    spec = load(file)
+    file.write_bytes(SMALL.read_bytes() + b"\n# another\n")
+    (told,) = asked(Questions(spec, file), lambda questions: questions.ask(QUESTION))
+    assert "has changed" in told["refused"]
+
+
+def test_a_process_that_ends_is_told(tmp_path):
+    spec = load(SMALL)
+    (told,) = asked(Questions(spec, tmp_path / "gone.dg.yaml"), lambda questions: questions.ask(QUESTION))
+    assert "the planner's process has ended" in told["refused"]

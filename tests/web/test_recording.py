@@ -1,0 +1,98 @@
+"""A recording at any moment is what its events up to then say."""
+
+import asyncio
+import json
+
+import pytest
+
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.web.changes import plain
+from heronry_tools.web.recording import Recording
+from heronry_tools.web.stream import recorded_stream
+from web.flight import S, big_blue, flown
+
+
+@pytest.fixture(scope="module")
+def reducer():
+    return Reducer(big_blue())
+
+
+@pytest.fixture(scope="module")
+def recording(reducer):
+    return Recording(reducer, list(flown()) * 4, "log")  # later copies have the times of the first one
+
+
+def test_the_state_at_any_event_is_that_of_all_before_it(reducer, recording):
+    events = list(flown()) * 4
+    for number in (0, 1, 57, 199, 200, 201, len(events)):
+        assert recording.after(number).snapshot == reducer.all(events[:number], reducer.start("log")).snapshot
+
+
+def test_going_on_from_a_known_state_gives_the_same(recording):
+    early = recording.after(120)
+    assert recording.after(160, early).snapshot == recording.after(160).snapshot
+    assert recording.after(100, early).snapshot == recording.after(100).snapshot  # and back
+
+
+def test_times_do_not_fall(recording):
+    assert recording.times_ns == sorted(recording.times_ns)
+    assert recording.events_until(recording.last_ns) == len(recording.times_ns)
+
+
+def test_loads_are_those_between_two_events(recording):
+    until = recording.events_until(5 * S)
+    assert [load["t_ns"] // S for load in recording.loads(0, until)] == [1, 2, 3, 4, 5]
+    assert recording.loads(until, until) == []
+
+
+def test_a_recording_of_nothing_shows_nothing(reducer):
+    empty = Recording(reducer, [], "log")
+    assert (empty.first_ns, empty.last_ns, empty.begin_ns, empty.marks) == (0, 0, 0, [])
+
+
+def test_the_file_of_events_leaves_observations_out(recording):
+    kinds = {json.loads(line)["event"] for line in recording.lines()}
+    assert "reconfigured" in kinds
+    assert "bus_seen" not in kinds
+
+
+def first_sent(stream, count):
+    async def read():
+        return [await anext(stream) for _ in range(count)]
+
+    return asyncio.run(read())
+
+
+def parsed(one):
+    kind, data = one.strip().split("\n")
+    return kind.removeprefix("event: "), json.loads(data.removeprefix("data: "))
+
+
+def test_a_page_gets_the_moment_that_it_asked_for(recording):
+    at_ns = recording.marks[1]["t_ns"]
+    (kind, whole), (beat, told) = map(parsed, first_sent(recorded_stream(recording, at_ns, 0, asyncio.Event()), 2))
+    assert kind == "whole"
+    assert whole["snapshot"] == json.loads(json.dumps(plain(recording.after(recording.events_until(at_ns)).snapshot)))
+    assert [mark["number"] for mark in whole["recording"]["marks"]] == [mark["number"] for mark in recording.marks]
+    assert beat == "beat"
+    assert not told["plays"]
+
+
+def test_a_recording_that_plays_sends_what_comes(recording):
+    stream = recorded_stream(recording, recording.first_ns, 64.0, asyncio.Event())
+    kinds = [parsed(one)[0] for one in first_sent(stream, 8)]
+    assert kinds[0] == "whole"
+    assert "change" in kinds
+
+
+def test_a_stream_ends_with_its_server(recording):
+    async def read():
+        closing = asyncio.Event()
+        stream = recorded_stream(recording, 0, 0, closing)
+        first = await anext(stream)
+        closing.set()
+        return first, [one async for one in stream]
+
+    first, rest = asyncio.run(read())
+    assert first.startswith("event: whole")
+    assert rest == []

@@ -1,0 +1,34 @@
+"""An explanation as plain data: what `heronry why --json` prints."""
+
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.analysis.why.assumptions import capacity, in_words
+from heronry_tools.analysis.why.reasons import Explanation
+
+
+def document(spec: Spec, found: Explanation) -> dict[str, Any]:
+    """Give the explanation as plain data."""
+    return {
+        "spec": spec.name,
+        "digest": spec.digest,
+        "function": found.function.name,
+        "phase": found.now.phase,
+        "down": sorted(found.now.down),
+        "served": found.report.served,
+        "mode": found.report.mode,
+        "value": found.report.value,
+        "best_value": found.best_value,
+        "why_not": found.report.why_not,
+        "reasons": [{"kind": one.kind, "name": one.name, "text": in_words(spec, one)} for one in found.reasons],
+        "repairs": [
+            {
+                "restore": list(repair.restore),
+                "add": [
+                    {"kind": one.kind, "name": one.name, "more": amount - capacity(spec, one)}
+                    for one, amount in repair.capacities
+                ],
+            }
+            for repair in found.repairs
+        ],
+    }

@@ -1,0 +1,57 @@
+"""`heronry web`: a page that shows a running or recorded system to a browser.
+
+Exit codes: 0 it was served until it was stopped; 2 it cannot be served.
+"""
+
+import argparse
+from typing import Any
+
+from heronry_tools.watch.source_arguments import EXAMPLES, add_source_arguments
+
+_EPILOG = f"""\
+The page shows the dependency graph as it runs, the PEs, every reconfiguration with its times, the load of the buses and
+the events. It asks the planner what would follow from a fault, and why a function is not served. It only reads, unless
+--operate is given; then the printed address has a token, without which nobody can give an order.
+
+Only browsers on this computer are answered. With --listen ADDRESS others are too, who need the token even to read; what
+is sent can be read on its way, so let ssh carry it instead: ssh -L 8321:127.0.0.1:8321 COMPUTER
+
+examples:
+  heronry demo --web                            a demo, with its page
+{EXAMPLES.format(command="web")}\
+  heronry web --of big_blue --operate           phase, fail and clear from the page
+  heronry web --log story.scenario              a scenario, flown in the simulator now
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry web`."""
+    parser = subparsers.add_parser(
+        "web",
+        description="Serve a page that shows a running or recorded system to a browser.",
+        epilog=_EPILOG,
+    )
+    add_source_arguments(parser)
+    parser.add_argument(
+        "--listen", metavar="ADDRESS", default="127.0.0.1", help="the address to listen on (default 127.0.0.1)"
+    )
+    parser.add_argument("--port", type=_port, metavar="N", help="the port (default 8321, or a free one; 0: a free one)")
+    parser.add_argument("--operate", action="store_true", help="let the page give orders: phase, fail, clear")
+    parser.add_argument("--json", action="store_true", help="print the address as one JSON object")
+    parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
+    parser.add_argument("--demo-orders", type=int, help=argparse.SUPPRESS)  # a socket pair of `heronry demo --web`
+    parser.set_defaults(run=run)
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text} is no port; write a number from 0 to 65535")
+    return int(text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until a signal comes; returns 0."""
+    from heronry_tools.web.opening import serve_what  # noqa: PLC0415 - loads everything
+
+    serve_what(arguments)
+    return 0

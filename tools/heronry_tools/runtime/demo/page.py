@@ -1,0 +1,93 @@
+"""The page beside a demo: a process of `heronry web`, and the orders that come from it.
+
+    started ──its first line: the address──► serving ──its end──► ended
+
+The page follows the manager on its socket, as everybody can. What only the demo can do comes over a socket pair, which
+the process inherits: `{"do": "kill", "what": "nav"}` or `"restore"`, answered by `{"done": ..., "sentence": ...}`.
+"""
+
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+from heronry_tools.console.errors import UserError
+
+_MOST_BYTES: Final = 4096
+_END_S: Final = 5.0
+
+Do = Callable[[str, str], str]
+"""Kills or restores a PE, and says so in a sentence; raises UserError where that cannot be done."""
+
+
+class Page:
+    """The process; as a context manager it ends it."""
+
+    def __init__(self, spec_file: Path, manager: Path, log: Path) -> None:
+        """Start it. manager: the socket of the manager that it follows; log: where it writes its errors."""
+        self._orders, theirs = socket.socketpair()
+        self._is_told, self._log = False, log
+        command = ["heronry_tools.cli", "web", str(spec_file), "--socket", str(manager), "--operate", "--json"]
+        with theirs, log.open("ab") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", *command, "--until-eof", "--demo-orders", str(theirs.fileno())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                pass_fds=(theirs.fileno(),),
+                process_group=0,
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._orders):
+            assert stream is not None
+            stream.close()
+
+    def readers(self) -> list[Any]:
+        """Give what becomes readable when the page has said something."""
+        return [self._said] if not self._is_told else [self._orders] if self._orders.fileno() >= 0 else []
+
+    @property
+    def _said(self) -> IO[bytes]:
+        assert self._process.stdout is not None
+        return self._process.stdout
+
+    def address(self) -> str | None:
+        """Read the address once it is known; raises UserError where the page cannot be served."""
+        if self._is_told:
+            return None
+        line = self._said.readline()
+        if not line:
+            self._process.wait()
+            words = self._log.read_text(errors="replace").strip().rpartition("\n")[2]
+            raise UserError(f"the page cannot be served: {words or 'its process was killed'}")
+        self._is_told = True
+        return str(json.loads(line)["address"])
+
+    def execute(self, do: Do) -> None:
+        """Do what the page orders, and answer it."""
+        line = self._orders.recv(_MOST_BYTES)
+        if not line:  # the page has ended; the flight goes on
+            self._orders.close()
+            return
+        order = json.loads(line)
+        try:
+            answer = {"done": True, "sentence": do(order["do"], order["what"])}
+        except UserError as error:
+            answer = {"done": False, "sentence": str(error)}
+        self._orders.sendall(json.dumps(answer).encode() + b"\n")

@@ -1,0 +1,61 @@
+"""Denial has a price: with a key, forged frames below a tenth of a bus deny nothing (protocol rule 11).
+
+In a flight with a key into which nothing but forged frames of less than a tenth of a bus were injected, the oracle
+requires that
+
+- no function that was heard falls silent for longer than T_lease (or than its own patience, where that is longer);
+- the active manager leaves no PE out of its ALIVE that it has named;
+- the active manager ends no session (RENEW).
+
+Not verified: a flight with any other fault or order. There the other oracles decide, and they know no attacker.
+"""
+
+from collections.abc import Collection
+
+from heronry_dg.model import Spec
+from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.faults.denial import DENIALS
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS, UNPRICED_PERCENT
+from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import Control, ManagementMessage, Operation
+
+
+class AvailabilityCheck(Oracle):
+    """Notes which PEs the active manager leaves out, and which sessions it ends."""
+
+    def __init__(self, spec: Spec) -> None:
+        super().__init__()
+        self._spec = spec
+        self._pe_of = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._named: frozenset[str] = frozenset()
+        self._lost: list[Violation] = []
+
+    def alive(self, t_ns: int, pes: frozenset[str]) -> None:
+        """Note the PEs that an ALIVE leaves out."""
+        self._lost += [_violation(t_ns, f"{pe} was left out by the manager") for pe in sorted(self._named - pes)]
+        self._named = pes
+
+    def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
+        """Note the end of a session."""
+        if isinstance(message, Control) and message.operation is Operation.RENEW:
+            self._lost.append(_violation(t_ns, f"the manager has ended its session with {self._pe_of[message.node]}"))
+
+    def denials(self, faults: Collection[Fault], witness: Witness, span_ns: range) -> list[Violation]:
+        """Give what was denied in a flight, from its first configuration to its end.
+
+        faults: everything that was injected. span_ns: begin and end.
+        """
+        cheap = all(fault.kind in DENIALS and fault.level < UNPRICED_PERCENT for fault in faults)
+        if not faults or not cheap:
+            return []
+        lease_ns = LEASE_PERIODS * max(bus.heartbeat_ns for bus in self._spec.buses.values())
+        silent = [o for o in witness.outages(span_ns.stop) if o.from_ns >= span_ns.start]
+        silent = [o for o in silent if (o.to_ns or span_ns.stop) - o.from_ns > lease_ns]
+        lost = [one for one in self._lost if one.t_ns >= span_ns.start]
+        return lost + [_violation(o.from_ns + lease_ns, f"{o.function} fell silent", o.from_ns) for o in silent]
+
+
+def _violation(t_ns: int, what: str, since_ns: int | None = None) -> Violation:
+    return Violation(t_ns, "availability", f"{what}, though nothing but a few forged frames was on the bus", since_ns)

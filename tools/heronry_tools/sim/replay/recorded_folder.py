@@ -1,0 +1,78 @@
+"""A folder of `heronry record`: the frames, events, spec and versions of a flight, in rotating files.
+
+    FOLDER/flight.json             version of the format and of heronry, name and digest of the spec
+    FOLDER/NAME.dg.yaml            the spec
+    FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
+    FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
+
+The oldest pair of files goes when the next one would exceed the limit of the whole folder. Every pair but the first
+begins with `resumed`, the whole snapshot, so what is left can be read without what is gone. Frames have dates; they
+are read back in the clock of the events.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec
+from heronry_wire.frame import LoggedFrame, Malformed, parse_log_line
+
+FORMAT = 1
+HEAD = "flight.json"
+FRAMES_SUFFIX, EVENTS_SUFFIX = ".log", ".events.jsonl"
+
+
+def is_recorded_folder(path: Path) -> bool:
+    """Tell whether a path is a folder of `heronry record`."""
+    return (path / HEAD).is_file()
+
+
+def head_of(folder: Path) -> dict[str, Any]:
+    """Read the head of a folder; raises UserError for one of a later version, or damaged."""
+    try:
+        head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
+        version = head["v"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(
+            f"{folder / HEAD} cannot be read ({error}): name the log in that folder, and its spec"
+        ) from None
+    if version != FORMAT:
+        raise UserError(f"{folder} has format {version}, and this version of heronry reads format {FORMAT}")
+    return dict(head)
+
+
+def spec_of(folder: Path) -> Spec:
+    """Load the spec in a folder."""
+    return load_spec(str(folder / head_of(folder)["spec_file"]))
+
+
+def log_of(folder: Path) -> list[LoggedFrame]:
+    """Read all frames of a folder, in the clock of its events and in order of time.
+
+    Lines that are no frames are left out.
+    """
+    frames, offset_ns = [], head_of(folder)["date_offset_ns"]
+    for file in sorted(folder.glob(f"*{FRAMES_SUFFIX}")):
+        for line in _whole_lines(file):
+            logged = parse_log_line(line)
+            if not isinstance(logged, Malformed):
+                frames.append(logged._replace(time_ns=logged.time_ns - offset_ns))
+    return sorted(frames, key=lambda logged: logged.time_ns)
+
+
+def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
+    """Read all events of a folder, in the order in which they were told."""
+    for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
+        for line in _whole_lines(file):
+            with suppress(ValueError):
+                yield json.loads(line)
+
+
+def _whole_lines(file: Path) -> list[str]:
+    """Read the lines of a file; the last one counts only with its end: a kill may have cut it."""
+    whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
+    return whole.splitlines()

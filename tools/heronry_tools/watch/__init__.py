@@ -1,0 +1,1 @@
+"""Watching a system: one snapshot of everything that is known, its feeds, and what is shown or written of it."""

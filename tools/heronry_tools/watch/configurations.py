@@ -1,0 +1,159 @@
+"""What the running configuration means in the present situation: functions, modules, budgets, planned loads, graph."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Any
+
+from heronry_dg import model
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.plan import PlanError, configuration_of
+from heronry_dg.situation import Situation
+from heronry_tools.watch.graph_marks import LiveGraphs, is_degraded
+from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Place, Snapshot, Wire
+
+_NOTHING = "nothing runs yet"
+_UNAVAILABLE = frozenset({"down", "returning"})
+
+
+@dataclass(frozen=True, slots=True)
+class RunningPlan:
+    """A configuration, with the report of its plan (`heronry_dg.plan`) as plain data."""
+
+    configuration: Configuration = field(default_factory=Configuration)
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of_document(cls, spec: Spec, document: Mapping[str, Any] | None) -> "RunningPlan":
+        """Take a plan document; modules that the spec does not have are left out."""
+        if document is None:
+            return NOTHING_RUNS
+        try:
+            read = configuration_of(dict(document))
+        except PlanError:
+            return NOTHING_RUNS
+        known = {
+            name: running
+            for name, running in read.modules.items()
+            if name in spec.modules and running.mode in spec.modules[name].modes and running.pe in spec.pes
+        }
+        return cls(Configuration({name: known[name] for name in spec.modules if name in known}), document)
+
+    def places(self) -> dict[str, Place]:
+        """Where each module runs."""
+        return {name: Place(running.pe, running.mode) for name, running in self.configuration.modules.items()}
+
+
+NOTHING_RUNS = RunningPlan()
+
+
+class Situations:
+    """Shows configurations of one spec in situations."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec, self._graphs = spec, LiveGraphs(spec)
+
+    def first(self, snapshot: Snapshot) -> Snapshot:
+        """Fill a snapshot with what the spec has, of which nothing is known yet."""
+        spec = self._spec
+        return replace(
+            snapshot,
+            pes={pe.name: Pe(pe.node_id) for pe in spec.pes.values()},
+            buses={
+                bus.name: Bus(bus.bitrate, float(bus.max_load), channels=_channels(bus)) for bus in spec.buses.values()
+            },
+            functions={
+                one.name: Function(wanted=False, criticality=one.criticality_in(None), priority=0)
+                for one in spec.functions.values()
+            },
+            modules={name: Module() for name in spec.modules},
+        )
+
+    def shown(self, snapshot: Snapshot, running: RunningPlan) -> Snapshot:
+        """Give the snapshot with a configuration in its situation."""
+        now = self._situation(snapshot)
+        return replace(
+            snapshot,
+            down=tuple(sorted(now.down)),
+            functions=self._functions(snapshot, now, running),
+            modules=self._modules(snapshot, now, running),
+            pes=self._pes(snapshot, running),
+            buses={
+                name: replace(bus, planned=running.report.get("buses", {}).get(name, {}).get("load"))
+                for name, bus in snapshot.buses.items()
+            },
+            graph=self._graphs.graph(now, running.configuration),
+        )
+
+    def _situation(self, snapshot: Snapshot) -> Situation:
+        """Give the situation as far as it is known: a PE that was never heard counts as available."""
+        missing = {f"pe:{name}" for name, pe in snapshot.pes.items() if pe.standing in _UNAVAILABLE}
+        down = (missing | {fault.element for fault in snapshot.faults}) - {f"bus:{self._spec.manager.bus}"}
+        limits = {f"bus:{name}": _share(bus.link) for name, bus in snapshot.buses.items() if bus.link is not None}
+        return Situation(frozenset(down), limits, snapshot.phase, snapshot.priorities)
+
+    def _functions(self, snapshot: Snapshot, now: Situation, running: RunningPlan) -> dict[str, Function]:
+        report, unknown = running.report.get("functions", {}), snapshot.unknown_epoch
+        why = _NOTHING if unknown is None else f"the configuration of epoch {unknown}, which runs, is not known"
+        found = {}
+        for name, function in self._spec.functions.items():
+            before, told, wanted = snapshot.functions[name], report.get(name), now.priority_of(function) > 0
+            served = told["served"] if told is not None else None if unknown is not None else False
+            serving = next((one for one in function.outputs if one in running.configuration.modules), None)
+            is_missing = wanted and served is False
+            found[name] = replace(
+                before,
+                wanted=wanted,
+                criticality=function.criticality_in(now.phase),
+                priority=now.priority_of(function),
+                served=served,
+                degraded=bool(served and serving and is_degraded(self._spec, running.configuration, serving)),
+                mode=None if told is None else told["mode"],
+                value=0 if told is None and served is False else None if told is None else told["value"],
+                why_not=why if told is None else told["why_not"],
+                not_since_ns=(before.not_since_ns or snapshot.t_ns) if is_missing else None,
+            )
+        return found
+
+    def _modules(self, snapshot: Snapshot, now: Situation, running: RunningPlan) -> dict[str, Module]:
+        modules = running.configuration.modules
+        feasible = self._graphs.feasible(now)
+        return {
+            name: replace(
+                snapshot.modules[name],
+                pe=modules[name].pe if name in modules else None,
+                mode=modules[name].mode if name in modules else None,
+                degraded=name in modules and is_degraded(self._spec, running.configuration, name),
+                wires={
+                    path: Wire(wire.producer, wire.variable, wire.version)
+                    for path, wire in sorted(modules[name].inputs.items())
+                }
+                if name in modules
+                else {},
+                can_run=feasible.can_run(module),
+            )
+            for name, module in self._spec.modules.items()
+        }
+
+    def _pes(self, snapshot: Snapshot, running: RunningPlan) -> dict[str, Pe]:
+        used = running.report.get("pes", {})
+        found = {}
+        for name, pe in self._spec.pes.items():
+            here = used.get(name, {})
+            found[name] = replace(
+                snapshot.pes[name],
+                cpu=Budget(here.get("cpu_millis", 0), pe.cpu_millis),
+                ram=Budget(here.get("ram", 0), pe.ram),
+                flash=Budget(here.get("flash", 0), pe.flash),
+                modules=tuple(m for m, runs in running.configuration.modules.items() if runs.pe == name),
+            )
+        return found
+
+
+def _channels(bus: model.Bus) -> dict[str, tuple[str, ...]]:
+    return {f"{bus.name}.{number}": () for number in range(1, bus.channels + 1)} if bus.channels > 1 else {}
+
+
+def _share(link: str | None) -> Fraction:
+    return Fraction(0) if link == "gone" or link is None else Fraction(link.removesuffix("%")) / 100

@@ -1,0 +1,108 @@
+"""Reconfigurations as a bus shows them: PREPARE, ACTIVATE, and the PEs that report to run the epoch.
+
+The bus shows when an epoch was prepared, activated, and reported by every PE that is heard; not why. The time to detect
+and to decide is known where the silence of a PE came before: `lost` tells that.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import score
+from heronry_dg.plan import make_plan
+from heronry_dg.situation import Situation
+from heronry_manager.core.topology import reached_by_wire
+from heronry_tools.sim.oracles.commanded import Commanded, Epoch
+from heronry_tools.watch.observations import observation
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import Command
+from heronry_wire.management import Activate, Lease, ManagementMessage, Step, decode_command
+from heronry_wire.pe_table import PeTable
+from heronry_wire.state_frames import PeState, StatePage0, StatePage1
+
+_FOLLOWS_NS = 10_000_000_000  # a loss that is older has not led to this epoch
+
+
+class EpochsOnTheBus:
+    """Follows the epochs of one flight."""
+
+    def __init__(self, spec: Spec, tables: tuple[PeTable, ...], now: Callable[[], Situation]) -> None:
+        """tables: of the PEs, with the contingencies that they have on board. now: the situation as it is known."""
+        self._spec, self._now = spec, now
+        self._commanded = Commanded(spec, tables)
+        self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
+        self._reported: dict[int, StatePage0] = {}  # by node
+        self._active: Epoch | None = None
+        self._told: tuple[int, int] | None = None  # epoch and digest
+        self._unknown: int | None = None
+        self._manager: tuple[int, int] | None = None
+        self._lost: tuple[int, int] | None = None  # when the last loss was declared, and the last sign before it
+
+    def lost(self, t_ns: int, last_heard_ns: int | None, node: int) -> None:
+        """Take the loss of a PE: an epoch does not wait for it."""
+        self._reported.pop(node, None)
+        self._lost = t_ns, t_ns if last_heard_ns is None else last_heard_ns
+
+    def command(self, t_ns: int, node: int, command: Command, data: bytes) -> Iterator[dict[str, Any]]:
+        """Take a command of a manager."""
+        message = decode_command(command, data)
+        if isinstance(message, Malformed):
+            return
+        self._commanded.take(t_ns, message)
+        if isinstance(message, Lease):
+            yield from self._lease(t_ns, node, message)
+        self._note_active(message)
+        yield from self._done(t_ns)
+
+    def page_0(self, t_ns: int, node: int, page: StatePage0) -> Iterator[dict[str, Any]]:
+        """Take page 0 of a PE's state."""
+        self._reported[node] = page
+        yield from self._done(t_ns)
+
+    def page_1(self, node: int, page: StatePage1) -> None:
+        """Take page 1 of a PE's state."""
+        self._commanded.staged(node, page)
+
+    def _lease(self, t_ns: int, node: int, lease: Lease) -> Iterator[dict[str, Any]]:
+        said = node, lease.term
+        if said != self._manager:
+            self._manager = said
+            yield observation("manager_seen", t_ns, node=node, term=lease.term)
+        is_known = lease.epoch in self._commanded.epochs
+        if lease.epoch and not is_known and lease.step is Step.GO_ALL and self._unknown != lease.epoch:
+            self._unknown = lease.epoch
+            yield {"v": 1, "t_ns": t_ns, "event": "unknown_epoch", "epoch": lease.epoch}
+
+    def _note_active(self, message: ManagementMessage) -> None:
+        if isinstance(message, Activate | Lease) and message.step is not Step.PREPARED:
+            self._active = self._commanded.epochs.get(message.epoch, self._active)
+
+    def _done(self, t_ns: int) -> Iterator[dict[str, Any]]:
+        epoch = self._active
+        if epoch is None or epoch.activated_ns is None or (epoch.number, epoch.digest) == self._told:
+            return
+        awaited = {node: page for node, page in self._reported.items() if node in self._wired}
+        if not awaited or any(
+            page.epoch != epoch.number or page.state is not PeState.ACTIVE for page in awaited.values()
+        ):
+            return
+        self._told = epoch.number, epoch.digest
+        plan = None if epoch.configuration is None else self._plan(epoch.configuration)
+        times, began_ns = self._times(epoch, t_ns)
+        yield observation("epoch_seen", t_ns, epoch=epoch.number, plan=plan, began_ns=began_ns, times_ns=times)
+
+    def _times(self, epoch: Epoch, t_ns: int) -> tuple[dict[str, int | None], int]:
+        activated_ns = epoch.activated_ns or epoch.prepared_ns
+        times: dict[str, int | None] = {"detect": None, "decide": None}
+        began_ns, lost = epoch.prepared_ns, self._lost
+        if lost is not None and 0 <= epoch.prepared_ns - lost[0] < _FOLLOWS_NS:
+            began_ns = lost[1]
+            times = {"detect": lost[0] - lost[1], "decide": epoch.prepared_ns - lost[0]}
+        self._lost = None
+        return {**times, "distribute": activated_ns - epoch.prepared_ns, "activate": t_ns - activated_ns}, began_ns
+
+    def _plan(self, configuration: Configuration) -> dict[str, object]:
+        now = self._now()
+        worth = score(self._spec, now, configuration, None)
+        return make_plan(self._spec, now, configuration, worth, optimal=False).document()

@@ -1,0 +1,124 @@
+"""The signals of a recorded flight: every variable of the spec as each module gives it, and what PEs and buses show.
+
+A signal is a series of numbers with a name and a unit. Those of variables are named MODULE.VARIABLE, with .0, .1, ...
+for the parts of a vector. Of PEs: pe.NAME.load in %, and pe.NAME.epoch; of buses: bus.NAME.load and bus.NAME.peak in %;
+of functions: function.NAME.served (1, 0). A variable that no frame carried has a series without samples, so that a
+reader finds every signal of the spec.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_dg.traffic import identifiers
+from heronry_tools.watch.recordings import Recording
+from heronry_wire.canaerospace import decode_data
+from heronry_wire.frame import Frame, Malformed
+
+
+@dataclass(slots=True)
+class Series:
+    """One signal: its samples, at times in ns of the recording."""
+
+    name: str
+    unit: str
+    comment: str = ""
+    times_ns: list[int] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+    def add(self, t_ns: int, value: float) -> None:
+        """Append a sample."""
+        self.times_ns.append(t_ns)
+        self.values.append(float(value))
+
+
+def signals_of(recording: Recording) -> list[Series]:
+    """Give all signals of a recording, in the order of the spec."""
+    data = _Data(recording.spec)
+    for logged in recording.frames:
+        data.take(logged.time_ns, logged.frame)
+    return [*data.series(), *_states(recording)]
+
+
+def signal_names(spec: Spec) -> list[tuple[str, str]]:
+    """Give name and unit of every signal of a spec's variables."""
+    return [(series.name, series.unit) for series in _Data(spec).series()]
+
+
+class _Data:
+    """The variables of one spec, read from data frames."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._of: dict[int, list[Series]] = {}
+        for (producer, name), can_id in identifiers(spec).items():
+            variable = spec.variables[name]
+            parts = _parts(variable.type)
+            self._of[can_id] = [
+                Series(
+                    f"{producer}.{name}" + (f".{part}" if parts > 1 else ""),
+                    variable.unit or "",
+                    f"{name} as {producer} gives it",
+                )
+                for part in range(parts)
+            ]
+
+    def take(self, t_ns: int, frame: Frame) -> None:
+        series = self._of.get(frame.can_id)
+        if series is None or frame.extended:
+            return
+        datum = decode_data(frame)
+        if isinstance(datum, Malformed):
+            return
+        values = datum.value if isinstance(datum.value, tuple) else (datum.value,)
+        for one, value in zip(series, values, strict=False):
+            if isinstance(value, int | float):
+                one.add(t_ns, value)
+
+    def series(self) -> Iterator[Series]:
+        for series in self._of.values():
+            yield from series
+
+
+def _parts(data_type: str) -> int:
+    """Number of numbers in a datum of a type: CHAR4 has four, and ACHAR4, a text, counts as one."""
+    return int(data_type[-1]) if data_type[-1].isdigit() and not data_type.startswith("ACHAR") else 1
+
+
+def _states(recording: Recording) -> list[Series]:
+    """Give what PEs, buses and functions show, from the feed."""
+    spec, found = recording.spec, dict[str, Series]()
+    for pe in spec.pes:
+        found[f"pe.{pe}.load"] = Series(f"pe.{pe}.load", "%", f"CPU load that {pe} measures")
+        found[f"pe.{pe}.epoch"] = Series(f"pe.{pe}.epoch", "", f"epoch that {pe} reports to run")
+    for bus in spec.buses:
+        found[f"bus.{bus}.load"] = Series(f"bus.{bus}.load", "%", f"load of {bus} in the last second")
+        found[f"bus.{bus}.peak"] = Series(f"bus.{bus}.peak", "%", f"busiest 100 ms of {bus} in the last second")
+    for function in spec.functions:
+        name = f"function.{function}.served"
+        found[name] = Series(name, "", f"1 while {function} is served, as planned")
+    for event in recording.events:
+        for name, value in _samples(event):
+            if name in found and value is not None:
+                found[name].add(event["t_ns"], value)
+    return list(found.values())
+
+
+def _samples(event: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+    match event["event"]:
+        case "pe_seen":
+            yield f"pe.{event['pe']}.load", event["load_percent"]
+            yield f"pe.{event['pe']}.epoch", event["epoch"]
+        case "bus_seen":
+            yield f"bus.{event['bus']}.load", 100 * event["load"]
+            yield f"bus.{event['bus']}.peak", 100 * event["peak"]
+        case "runs" | "epoch_seen" | "status" if event.get("plan") is not None:
+            for function, report in event["plan"]["functions"].items():
+                yield f"function.{function}.served", report["served"]
+        case _:
+            pass
+
+
+def listed_events(recording: Recording) -> Sequence[Mapping[str, Any]]:
+    """Give the events of a recording that are more than samples of a signal."""
+    return [one for one in recording.events if one["event"] not in ("bus_seen", "heard", "pe_seen")]

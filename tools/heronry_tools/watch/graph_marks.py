@@ -1,0 +1,74 @@
+"""The live parts of the dependency graph: which symbols and edges are in use, lost, idle or dead.
+
+The keys are those of `reports.render`, so that a picture that was drawn once is only coloured anew.
+"""
+
+from functools import lru_cache
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_tools.reports.render.build import build
+from heronry_tools.reports.render.graph import Edge, Node
+from heronry_tools.reports.render.marks import Marks, marks
+from heronry_tools.watch.snapshot import Graph, Live
+
+
+def edge_key(edge: Edge) -> str:
+    """Name an edge: its ends, and the modes where it begins and ends (`-`: the symbol itself)."""
+    cells = ("-" if cell is None else str(cell) for cell in (edge.out_cell, edge.in_cell))
+    return f"{edge.source}>{edge.target}#{'/'.join(cells)}"
+
+
+class LiveGraphs:
+    """Colours the graph of one spec; what a situation leaves is worked out once."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self.feasible = lru_cache(maxsize=32)(lambda now: marks(spec, now).found)
+
+    def graph(self, now: Situation, configuration: Configuration) -> Graph:
+        """Give the live parts in a situation, while a configuration runs."""
+        spec = self._spec
+        graph = build(spec, Marks(spec, self.feasible(now), configuration))
+        lost = _lost_outputs(spec, now, configuration)
+        degraded = {f"module:{name}" for name in configuration.modules if is_degraded(spec, configuration, name)}
+        nodes = {
+            key: _node(node, is_lost=key in lost, in_lesser_mode=key in degraded) for key, node in graph.nodes.items()
+        }
+        cells = {
+            f"{key}#{number}": _live(cell.chosen, cell.dead, in_lesser_mode=number > 0)
+            for key, node in graph.nodes.items()
+            for number, cell in enumerate(node.cells)
+        }
+        edges = {
+            edge_key(one): _live(one.chosen, one.dead, in_lesser_mode=bool(degraded & {one.source, one.target}))
+            for one in graph.edges
+        }
+        return Graph(nodes, cells, edges)
+
+
+def is_degraded(spec: Spec, configuration: Configuration, module: str) -> bool:
+    """Tell whether a running module runs in another than its best mode."""
+    return configuration.modules[module].mode != next(iter(spec.modules[module].modes))
+
+
+def _lost_outputs(spec: Spec, now: Situation, configuration: Configuration) -> set[str]:
+    """Give the keys of the outputs of functions that are wanted and not served."""
+    unserved = [
+        function
+        for function in spec.functions.values()
+        if now.priority_of(function) > 0 and not any(output in configuration.modules for output in function.outputs)
+    ]
+    demuxes = {f"demux:{one.output}" for one in unserved if one.output in spec.demuxes}
+    return demuxes | {f"module:{output}" for one in unserved for output in one.outputs}
+
+
+def _node(node: Node, *, is_lost: bool, in_lesser_mode: bool) -> Live:
+    return "lost" if is_lost else _live(node.chosen, node.dead, in_lesser_mode=in_lesser_mode)
+
+
+def _live(chosen: bool, dead: bool, *, in_lesser_mode: bool) -> Live:
+    if chosen:
+        return "degraded" if in_lesser_mode else "served"
+    return "dead" if dead else "idle"

@@ -1,0 +1,157 @@
+"""What the frames of a flight tell, live or recorded: frames in, events and observations out.
+
+    traffic    the load of each bus                                             `traffic`
+    PEs        what state frames say, whenever it is something new; when each PE was heard
+    functions  whether their outputs are heard on the manager's bus             `heronry_tools.runtime.witness`
+    epochs     reconfigurations                                                  `epochs_on_the_bus`
+    the rest   a manager's core that only advises, and whose advice is dropped: it follows what the active manager holds
+               and announces, and says which PE is lost or joins, as that one would
+
+Where the manager's own events are at hand (`tells_why`), the last two are left out. Nothing is sent. Time is that of
+the frames: `until` brings the deadlines before it, so the same frames give the same events.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.vocabulary import Emit, ManagerAction
+from heronry_tools.runtime.witness import Outage, Witness
+from heronry_tools.watch.epochs_on_the_bus import EpochsOnTheBus
+from heronry_tools.watch.observations import observation
+from heronry_tools.watch.traffic import SLOT_NS, TELL_SLOTS, Traffic
+from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, management_id, state_id
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Received, Tick
+from heronry_wire.state_frames import PeFlags, StatePage0, StatePage1, decode_state
+
+Event = Mapping[str, Any]
+
+_TOLD = frozenset(
+    {"pe_suspected", "pe_answered", "pe_lost", "pe_absent", "pe_heard_again", "pe_joined", "fault_reported"}
+    | {"fault_cleared", "link_limited", "link_gone", "link_back", "channel_lost", "channel_back", "phase_changed"}
+    | {"priority_changed", "module_restarted", "disagreement", "agreement", "unknown_element"}
+)
+_COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
+_TELL_NS = SLOT_NS * TELL_SLOTS
+_NOTHING_REPORTED: Mapping[str, Any] = dict.fromkeys(("incarnation", "epoch", "runs", "hears_manager", "load_percent"))
+
+
+class Listening:
+    """Listens to all buses of one flight."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        begins_ns: int,
+        *,
+        tells_why: bool = False,
+        key: Key | None = None,
+        tables: tuple[PeTable, ...] = (),
+    ) -> None:
+        """Begin at `begins_ns` of the frames' clock; tables: of the PEs, with the contingencies on board."""
+        self._spec, self._main = spec, spec.manager.bus
+        self._traffic = {bus.name: Traffic(bus.name, bus.bitrate) for bus in spec.buses.values()}
+        self._witness = Witness(spec)
+        self._states = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
+        self._reported: dict[str, Mapping[str, Any]] = {}  # by PE
+        self._heard: dict[str, int] = {}  # since the last time it was told
+        self._silences: set[tuple[str, int, bool]] = set()
+        self._tell_ns = begins_ns + _TELL_NS
+        self._core: ManagerCore | None = None
+        if not tells_why:
+            self._core = ManagerCore(spec, FIRST_MANAGER, NOTHING, begins_ns, advise=True, key=key)
+            core = self._core
+            self._epochs = EpochsOnTheBus(spec, tables, lambda: core.now)
+
+    def take(self, bus: str, t_ns: int, frame: Frame) -> list[Event]:
+        """Take a frame that ended at `t_ns` on a bus of the spec; gives what it tells, and what was due before."""
+        found = self.until(t_ns)
+        if bus in self._traffic:
+            self._traffic[bus].take(t_ns, frame)
+        if frame.error or frame.extended or frame.remote:
+            return found
+        if frame.can_id in self._states:
+            found += self._state(t_ns, self._states[frame.can_id], frame)
+        if bus != self._main:
+            return found
+        self._witness.see(t_ns, frame)
+        if self._core is not None:
+            if frame.can_id in _COMMANDS:
+                found += self._epochs.command(t_ns, *_COMMANDS[frame.can_id], frame.data)
+            if self._core.hears(frame.can_id):
+                found += self._told(self._core.step(t_ns, Received(0, frame)))
+        return found
+
+    def until(self, t_ns: int) -> list[Event]:
+        """Give what is due before `t_ns`."""
+        found: list[Event] = list(chain.from_iterable(traffic.until(t_ns) for traffic in self._traffic.values()))
+        found += self._deadlines(t_ns)
+        if t_ns >= self._tell_ns:
+            self._tell_ns = t_ns - (t_ns - self._tell_ns) % _TELL_NS + _TELL_NS
+            found += self._heard_until(t_ns)
+        return found
+
+    def _deadlines(self, t_ns: int) -> list[Event]:
+        found: list[Event] = []
+        core = self._core
+        while core is not None and (due_ns := core.next_deadline_ns()) is not None and due_ns < t_ns:
+            found += self._told(core.step(due_ns, Tick()))
+            after_ns = core.next_deadline_ns()
+            if after_ns is not None and after_ns <= due_ns:  # it has nothing to do before something is heard
+                break
+        return found
+
+    def _told(self, actions: list[ManagerAction]) -> Iterator[Event]:
+        for action in actions:
+            if isinstance(action, Emit) and action.event["event"] in _TOLD:
+                event = action.event
+                if event["event"] == "pe_lost":
+                    node = self._spec.pes[event["pe"]].node_id
+                    self._epochs.lost(event["t_ns"], event["last_heard_ns"], node)
+                yield event
+
+    def _state(self, t_ns: int, pe: str, frame: Frame) -> Iterator[Event]:
+        page = decode_state(frame.data)
+        self._heard[pe] = t_ns
+        before = self._reported.get(pe, _NOTHING_REPORTED)
+        said: dict[str, Any] = {}
+        if isinstance(page, StatePage1):
+            if self._core is not None:
+                self._epochs.page_1(self._spec.pes[pe].node_id, page)
+            said = {"load_percent": page.load}
+        elif isinstance(page, StatePage0):
+            hears = PeFlags.HEARS_LEASE in page.flags
+            said = {"incarnation": page.incarnation, "epoch": page.epoch or None, "runs": page.state.name}
+            said["hears_manager"] = hears
+        after = {**before, **said}
+        if after != before and after["incarnation"] is not None:
+            yield observation("pe_seen", t_ns, pe=pe, **after)
+        self._reported[pe] = after
+        if isinstance(page, StatePage0) and self._core is not None:
+            yield from self._epochs.page_0(t_ns, self._spec.pes[pe].node_id, page)
+
+    def _heard_until(self, t_ns: int) -> Iterator[Event]:
+        """Tell when PEs and functions were heard last, and every silence of a function once, and once its end."""
+        functions = {}
+        for name in self._spec.functions:
+            output = self._witness.last_output(name)
+            if output is not None:
+                functions[name] = [output.t_ns, self._witness.served(name, t_ns)]
+        yield observation("heard", t_ns, pes=self._heard, functions=functions)
+        self._heard = {}
+        for outage in self._witness.outages(t_ns):
+            key = (outage.function, outage.from_ns, outage.to_ns is None)
+            if key not in self._silences:
+                self._silences.add(key)
+                yield _outage(t_ns, outage)
+
+
+def _outage(t_ns: int, outage: Outage) -> Event:
+    silence = {"function": outage.function, "from_ns": outage.from_ns, "to_ns": outage.to_ns, "gathered": False}
+    return {"v": 1, "t_ns": t_ns, "event": "outage", **silence}

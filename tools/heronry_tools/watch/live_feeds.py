@@ -1,0 +1,227 @@
+"""Live feeds: the events of a manager here, with its bus beside them, or a bus alone. Nothing is ever sent on a bus.
+
+A feed is polled: `readers` gives what to wait on, `poll` what has come. A manager that ends leaves its feed open: the
+feed tries every second to follow it again, and `trouble` says meanwhile that it is gone.
+"""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from heronry_dg.model import Spec
+from heronry_manager.shell.control_client import follow
+from heronry_manager.shell.control_place import ControlError
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_tools.runtime.demo.ear import Ear
+from heronry_tools.watch.listening import Listening
+from heronry_tools.watch.observations import observation
+from heronry_tools.watch.snapshot import Source
+from heronry_wire.authentication import Key
+from heronry_wire.bus_opening import LinkError
+from heronry_wire.errors import HeronryError
+from heronry_wire.frame import LoggedFrame
+from heronry_wire.pe_table import PeTable
+
+Event = Mapping[str, Any]
+
+_AGAIN_NS = 1_000_000_000
+_LATE_NS = 20_000_000  # frames may be read so much later than they ended
+_FIRST_LINE_S = 5.0
+
+
+class Feed(Protocol):
+    """Where a view gets its events from."""
+
+    spec: Spec
+    spec_file: Path | None  # None: the caller has named it
+    source: Source
+    trouble: str | None
+    frames: list[LoggedFrame]  # heard in the last poll
+
+    def readers(self) -> Sequence[Any]:
+        """Give what becomes readable when something has come."""
+
+    def poll(self) -> list[Event]:
+        """Give the events since the last poll, without waiting."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+class HeardBuses:
+    """The buses that a feed listens to, and what their frames tell."""
+
+    def __init__(self, spec: Spec, choices: Sequence[BusChoice], listening: Listening) -> None:
+        """Open the buses; raises LinkError."""
+        self._listening = listening
+        self._ears: dict[str, Ear] = {}
+        try:
+            for choice in choices:
+                self._ears[choice.name] = Ear(choice, spec.buses[choice.name])
+        except LinkError:
+            self.close()
+            raise
+
+    def readers(self) -> list[Any]:
+        """Give what becomes readable when a frame has come."""
+        return [reader for ear in self._ears.values() for reader in ear.readers]
+
+    def poll(self, frames: list[LoggedFrame]) -> list[Event]:
+        """Give what the frames since the last poll tell; they are appended to `frames`."""
+        heard = [LoggedFrame(at, name, frame) for name, ear in self._ears.items() for at, frame in ear.hear()]
+        heard.sort(key=lambda logged: logged.time_ns)
+        frames += heard
+        found = [one for logged in heard for one in self._listening.take(logged.channel, logged.time_ns, logged.frame)]
+        return found + self._listening.until(time.monotonic_ns() - _LATE_NS)
+
+    def close(self) -> None:
+        """Leave the buses."""
+        for ear in self._ears.values():
+            with suppress(HeronryError, OSError):
+                ear.__exit__(None, None, None)
+        self._ears.clear()
+
+
+class FollowedManager:
+    """A manager of this computer, with its bus where that can be opened."""
+
+    source: Source = "manager"
+
+    def __init__(self, path: Path, *, hears_bus: bool = True) -> None:
+        """Follow the manager on a socket; raises ControlError, or UserError where its spec cannot be read."""
+        self._path = path
+        self.trouble: str | None = None
+        self.frames: list[LoggedFrame] = []
+        self._line = follow(path)
+        self._line.settimeout(_FIRST_LINE_S)
+        self._rest = b""
+        try:
+            first = self._first()
+            self.spec = _spec_of(first)
+        except BaseException:
+            self._line.close()
+            raise
+        self._line.setblocking(False)
+        self._events: list[Event] = [first]
+        self.spec_file: Path | None = Path(first["file"])
+        self._try_again_ns = 0
+        self._buses = self._opened(first["bus"]) if hears_bus else None
+
+    def readers(self) -> Sequence[Any]:
+        """Give what becomes readable when something has come."""
+        line = [] if self.trouble else [self._line]
+        return [*line, *([] if self._buses is None else self._buses.readers())]
+
+    def poll(self) -> list[Event]:
+        """Give the events since the last poll; tries to follow again a manager that had ended."""
+        events, self._events = self._events, []
+        self.frames.clear()
+        if self._buses is not None:
+            events += self._buses.poll(self.frames)
+        if self.trouble is not None:
+            self._again()
+        else:
+            events += self._lines()
+        return events
+
+    def close(self) -> None:
+        """Hang up."""
+        self._line.close()
+        if self._buses is not None:
+            self._buses.close()
+
+    def _first(self) -> dict[str, Any]:
+        while b"\n" not in self._rest:
+            try:
+                chunk = self._line.recv(1 << 16)
+            except OSError:
+                chunk = b""
+            if not chunk:
+                raise ControlError(f"the manager on {self._path} gives no status: restart it with this version")
+            self._rest += chunk
+        line, _, self._rest = self._rest.partition(b"\n")
+        first: dict[str, Any] = json.loads(line)
+        if first.get("event") != "status":
+            raise ControlError(f"the manager on {self._path} cannot be followed: {first.get('sentence', first)}")
+        return first
+
+    def _lines(self) -> list[Event]:
+        while True:
+            try:
+                chunk = self._line.recv(1 << 16)
+            except BlockingIOError:
+                break
+            except OSError:
+                chunk = b""
+            if not chunk:
+                self.trouble = f"the manager on {self._path.name} has gone; waiting for it"
+                break
+            self._rest += chunk
+        *lines, self._rest = self._rest.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def _again(self) -> None:
+        if time.monotonic_ns() < self._try_again_ns:
+            return
+        self._try_again_ns = time.monotonic_ns() + _AGAIN_NS
+        with suppress(ControlError):
+            line = follow(self._path)
+            self._line.close()
+            line.setblocking(False)
+            self._line, self._rest, self.trouble = line, b"", None
+
+    def _opened(self, bus: Mapping[str, str]) -> HeardBuses | None:
+        """Open the manager's bus beside its events; without it there is no traffic, which is no error."""
+        model = self.spec.buses[bus["name"]]
+        if not bus["channel"] or " " in bus["interface"]:  # it is can.conf that knows
+            return None
+        choice = BusChoice(bus["name"], bus["interface"], bus["channel"], None, is_ours=False, channels=model.channels)
+        with suppress(HeronryError):
+            return HeardBuses(self.spec, [choice], Listening(self.spec, time.monotonic_ns(), tells_why=True))
+        return None
+
+
+class ListenedBuses:
+    """Buses alone: everything but why."""
+
+    source: Source = "bus"
+
+    def __init__(
+        self, spec: Spec, choices: Sequence[BusChoice], *, key: Key | None = None, tables: tuple[PeTable, ...] = ()
+    ) -> None:
+        """Listen on buses; raises LinkError. tables: of the PEs, with the contingencies on board."""
+        self.spec = spec
+        self.spec_file: Path | None = None
+        self.trouble: str | None = None
+        self.frames: list[LoggedFrame] = []
+        now_ns = time.monotonic_ns()
+        self._buses = HeardBuses(spec, choices, Listening(spec, now_ns, key=key, tables=tables))
+        named = {"spec": spec.name, "spec_digest": spec.digest}
+        self._events: list[Event] = [observation("feed", now_ns, source="bus", knows_why=False, **named)]
+
+    def readers(self) -> Sequence[Any]:
+        """Give what becomes readable when a frame has come."""
+        return self._buses.readers()
+
+    def poll(self) -> list[Event]:
+        """Give the events since the last poll."""
+        self.frames.clear()
+        events, self._events = self._events, []
+        return events + self._buses.poll(self.frames)
+
+    def close(self) -> None:
+        """Leave the buses."""
+        self._buses.close()
+
+
+def _spec_of(first: Mapping[str, Any]) -> Spec:
+    """Load the spec with which a manager flies; raises UserError where the file is not that any more."""
+    spec, digest = load_spec(first["file"]), first["status"]["spec_digest"]
+    if spec.digest != digest:
+        raise UserError(f"{first['file']} has changed since the manager was started: restart it, or undo the change")
+    return spec

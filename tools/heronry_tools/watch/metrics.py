@@ -1,0 +1,166 @@
+"""A snapshot as metrics for Prometheus, in its text format; names and units by Prometheus' conventions.
+
+Each metric says one thing of a PE, bus, function, module or the manager; a fact that the feed does not tell has no
+sample. Times are seconds, shares are ratios from 0 to 1, sizes are bytes, states are one sample of value 1 for each
+name of a state. Counters count what the snapshot counts: since the feed began.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, get_args
+
+from heronry_tools.watch.snapshot import Bus, Function, Pe, Snapshot, Standing
+
+if TYPE_CHECKING:
+    from prometheus_client.core import Metric
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+_NS_PER_S = 1_000_000_000
+_TIMES = ("detect", "decide", "distribute", "activate")
+
+
+def exposition(snapshot: Snapshot) -> bytes:
+    """Give the page that Prometheus scrapes; raises ModuleNotFoundError where the extra `export` is not installed."""
+    from prometheus_client import CollectorRegistry, generate_latest  # noqa: PLC0415 - an extra
+
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(_Once(snapshot))
+    return bytes(generate_latest(registry))
+
+
+class _Once:
+    """Gives the metrics of one snapshot."""
+
+    def __init__(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
+
+    def collect(self) -> Iterator["Metric"]:
+        """Yield every metric."""
+        view = self._snapshot
+        yield from _system(view)
+        yield from _pes(view)
+        yield from _buses(view)
+        yield from _functions(view)
+        yield from _reconfigurations(view)
+
+
+def _gauge(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> "Metric":
+    from prometheus_client.core import GaugeMetricFamily  # noqa: PLC0415 - an extra
+
+    family = GaugeMetricFamily(f"heronry_{name}", text, labels=labels)
+    for values, sample in samples:
+        if sample is not None:
+            family.add_metric(values, float(sample))
+    return family
+
+
+def _counter(name: str, text: str, labels: tuple[str, ...], samples: Iterable[tuple[tuple[str, ...], Any]]) -> "Metric":
+    from prometheus_client.core import CounterMetricFamily  # noqa: PLC0415 - an extra
+
+    family = CounterMetricFamily(f"heronry_{name}", text, labels=labels)
+    for values, sample in samples:
+        family.add_metric(values, float(sample))
+    return family
+
+
+def _system(view: Snapshot) -> Iterator["Metric"]:
+    names = ("spec", "spec_digest", "phase", "stage", "manager_state")
+    values = (view.spec, view.spec_digest, view.phase or "", view.stage, view.manager.state or "")
+    yield _gauge("info", "Spec, phase and stage, as labels.", names, [(values, 1)])
+    yield _gauge("epoch", "Number of the running configuration.", (), [((), view.epoch)])
+    yield _gauge("term", "Term of the active manager.", (), [((), view.manager.term)])
+    yield _gauge("manager_node", "Node-ID of the manager.", (), [((), view.manager.node)])
+    yield _gauge("latched_faults", "Latched faults.", (), [((), len(view.faults))])
+    down = [((element,), 1) for element in view.down]
+    yield _gauge("element_down", "Elements that the situation lacks.", ("element",), down)
+    yield _counter("events", "Events of the feed.", (), [((), view.events)])
+    yield _counter("lost_events", "Events that this reader was too slow for.", (), [((), view.lost_lines)])
+    plants = [((name,), plant.state == "on_path") for name, plant in view.plants.items()]
+    yield _gauge("control_loop_closed", "Whether the control loop through a plant is closed.", ("plant",), plants)
+
+
+def _pes(view: Snapshot) -> Iterator["Metric"]:
+    pes = view.pes.items()
+    yield _gauge(
+        "pe_standing",
+        "Standing of a PE with the manager: 1 for the present one.",
+        ("pe", "standing"),
+        (((name, one), pe.standing == one) for name, pe in pes for one in get_args(Standing)),
+    )
+    ages = (((name,), _age_s(view, pe)) for name, pe in pes)
+    yield _gauge("pe_silence_seconds", "Time since the last frame of a PE.", ("pe",), ages)
+    for kind, unit, text in (("cpu", "ratio", "CPU"), ("ram", "ratio", "RAM"), ("flash", "ratio", "Flash")):
+        shares = (((name,), _share(getattr(pe, kind))) for name, pe in pes)
+        yield _gauge(f"pe_{kind}_planned_{unit}", f"{text} of a PE that the configuration uses.", ("pe",), shares)
+    measured = (((name,), None if pe.load_percent is None else pe.load_percent / 100) for name, pe in pes)
+    yield _gauge("pe_cpu_measured_ratio", "CPU load that a PE measures.", ("pe",), measured)
+    yield _gauge("pe_modules", "Modules placed on a PE.", ("pe",), (((name,), len(pe.modules)) for name, pe in pes))
+    yield _counter("pe_reboots", "Boots of a PE seen.", ("pe",), (((name,), pe.reboots) for name, pe in pes))
+    restarts = (((name,), pe.restarts) for name, pe in pes)
+    yield _counter("pe_module_restarts", "Restarts of modules that a PE has reported.", ("pe",), restarts)
+    yield _counter("pe_standstills", "Long standstills of a PE.", ("pe",), (((n,), pe.stood_still) for n, pe in pes))
+
+
+def _buses(view: Snapshot) -> Iterator["Metric"]:
+    buses = view.buses.items()
+    loads: tuple[tuple[str, str, Any], ...] = (
+        ("bus_load_ratio", "Share of the bit rate used in the last second.", lambda bus: bus.load),
+        ("bus_load_peak_ratio", "The same in the busiest 100 ms of that second.", lambda bus: bus.peak),
+        ("bus_load_planned_ratio", "Share of the bit rate that the configuration plans.", lambda bus: bus.planned),
+        ("bus_frames_per_second", "Frames in the last second.", lambda bus: bus.frames_per_s),
+        ("bus_bit_rate", "Bits per second of a bus.", lambda bus: bus.bit_rate),
+    )
+    for name, text, of in loads:
+        yield _gauge(name, text, ("bus",), (((bus,), of(one)) for bus, one in buses))
+    by_kind = (((name, kind), bits) for name, bus in buses for kind, bits in bus.bits_per_s.items())
+    yield _gauge("bus_bits_per_second", "Bits in the last second, by kind of traffic.", ("bus", "kind"), by_kind)
+    yield _counter("bus_errors", "Error frames of a bus.", ("bus",), (((name,), bus.errors) for name, bus in buses))
+    lacking = (((name, channel), len(by)) for name, bus in buses for channel, by in bus.channels.items())
+    yield _gauge("channel_lost_by_nodes", "Nodes that hear nothing on a channel.", ("bus", "channel"), lacking)
+    links = (((name,), _link(bus)) for name, bus in buses if bus.link is not None)
+    yield _gauge("link_usable_ratio", "Usable share of a radio that is not whole.", ("bus",), links)
+
+
+def _functions(view: Snapshot) -> Iterator["Metric"]:
+    functions = view.functions.items()
+    facts: tuple[tuple[str, str, Any], ...] = (
+        ("function_wanted", "Whether a function is wanted in this phase.", lambda one: one.wanted),
+        ("function_served", "Whether a function is served, as planned.", lambda one: one.served),
+        ("function_degraded", "Whether a function is served in a lesser mode.", lambda one: one.degraded),
+        ("function_heard", "Whether the outputs of a function are heard on the bus.", lambda one: one.heard),
+        ("function_value", "Value of a function, 0 to 100.", lambda one: one.value),
+        ("function_priority", "Priority of a function.", lambda one: one.priority),
+    )
+    for name, text, of in facts:
+        samples = (((function, one.criticality), of(one)) for function, one in functions)
+        yield _gauge(name, text, ("function", "criticality"), samples)
+    missing = (((name, one.criticality), _missing_s(view, one)) for name, one in functions)
+    text = "For how long a function has been wanted and not served."
+    yield _gauge("function_unserved_seconds", text, ("function", "criticality"), missing)
+    restarts = (((name,), module.restarts) for name, module in view.modules.items())
+    yield _counter("module_restarts", "Restarts of a module that its PE has reported.", ("module",), restarts)
+
+
+def _reconfigurations(view: Snapshot) -> Iterator["Metric"]:
+    last = view.reconfigurations[-1] if view.reconfigurations else None
+    done = 0 if last is None else last.number
+    yield _counter("reconfigurations", "Reconfigurations that are done.", (), [((), done)])
+    times = [] if last is None else [((part,), getattr(last.times_ns, part)) for part in _TIMES]
+    seconds = [(labels, None if ns is None else ns / _NS_PER_S) for labels, ns in times]
+    yield _gauge("last_reconfiguration_seconds", "The four times of the last reconfiguration.", ("part",), seconds)
+
+
+def _age_s(view: Snapshot, pe: Pe) -> float | None:
+    return None if pe.last_heard_ns is None else max(0, view.t_ns - pe.last_heard_ns) / _NS_PER_S
+
+
+def _missing_s(view: Snapshot, function: Function) -> float:
+    return 0.0 if function.not_since_ns is None else (view.t_ns - function.not_since_ns) / _NS_PER_S
+
+
+def _share(budget: Any) -> float | None:
+    return budget.used / budget.of if budget.of else None
+
+
+def _link(bus: Bus) -> float:
+    return 0.0 if bus.link in (None, "gone") else float(str(bus.link).removesuffix("%")) / 100

@@ -1,0 +1,48 @@
+"""Serves the metrics of a source to a Prometheus on this computer: one page, one thread, no other address."""
+
+import select
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.watch.metrics import CONTENT_TYPE, exposition
+from heronry_tools.watch.top.sources import TopSource
+
+_LOOK_S = 0.1
+
+
+def serve(source: TopSource, port: int) -> None:
+    """Serve until a signal; raises UserError where the port cannot be used."""
+    try:
+        server = HTTPServer(("127.0.0.1", port), _page(source))
+    except (OSError, OverflowError) as error:
+        raise UserError(f"port {port} cannot be used ({error}): name another one with --port") from error
+    with server:
+        print(f"http://127.0.0.1:{server.server_port}/metrics", flush=True)
+        while True:
+            ready, _, _ = select.select([server, *source.readers()], [], [], _LOOK_S)
+            source.look()
+            if server in ready:
+                server.handle_request()
+
+
+def _page(source: TopSource) -> type[BaseHTTPRequestHandler]:
+    class Page(BaseHTTPRequestHandler):
+        """The one page."""
+
+        timeout = 1.0  # a caller that says nothing holds nobody up for longer
+
+        def do_GET(self) -> None:
+            """Give the metrics of now."""
+            is_it = self.path.partition("?")[0] == "/metrics"
+            body = exposition(source.snapshot()) if is_it else b"the metrics are at /metrics\n"
+            self.send_response(200 if is_it else 404)
+            self.send_header("Content-Type", CONTENT_TYPE if is_it else "text/plain; charset=utf-8")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing of every scrape."""
+
+    return Page

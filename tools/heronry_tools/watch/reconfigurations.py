@@ -1,0 +1,74 @@
+"""The reconfigurations of a feed: what changed in each, and which functions were silent meanwhile."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from heronry_tools.watch.sentences import sentence_of
+from heronry_tools.watch.snapshot import (
+    KEPT_RECONFIGURATIONS,
+    Outage,
+    Place,
+    Reconfiguration,
+    Snapshot,
+    Times,
+)
+
+_KEPT_OUTAGES = 200
+
+
+def done(before: Snapshot, after: Snapshot, event: Mapping[str, Any]) -> Snapshot:
+    """Add a reconfiguration that is done to the snapshot `after` it; `before` shows what ran until now."""
+    times = {key: event["times_ns"].get(key) for key in ("detect", "decide", "distribute", "activate")}
+    t_ns = event["t_ns"]
+    began_ns = event.get("began_ns") or t_ns - sum(ns for ns in times.values() if ns is not None)
+    was, now = _served(before), _served(after)
+    old, new = _places(before), _places(after)
+    sentence = sentence_of(event)
+    one = Reconfiguration(
+        number=after.reconfigurations[-1].number + 1 if after.reconfigurations else 1,
+        epoch=event["epoch"],
+        term=after.manager.term,
+        began_ns=began_ns,
+        done_ns=t_ns,
+        times_ns=Times(**times),
+        causes=tuple(event.get("causes", ())),
+        sentence="" if sentence is None else sentence[1],
+        moved=tuple(sorted(name for name in old.keys() & new.keys() if old[name].pe != new[name].pe)),
+        started=tuple(sorted(new.keys() - old.keys())),
+        stopped=tuple(sorted(old.keys() - new.keys())),
+        lost=tuple(sorted(was - now)),
+        gained=tuple(sorted(now - was)),
+        kept=tuple(sorted(was & now)),
+        outages=tuple(outage for outage in after.outages if began_ns <= outage.from_ns <= t_ns),
+        before=old,
+        after=new,
+    )
+    return replace(after, reconfigurations=(*after.reconfigurations[1 - KEPT_RECONFIGURATIONS :], one))
+
+
+def with_outage(snapshot: Snapshot, outage: Outage) -> Snapshot:
+    """Add an outage, or the end of one that is known; it belongs to the reconfiguration in whose time it began."""
+    known = _merged(snapshot.outages, outage)[-_KEPT_OUTAGES:]
+    reconfigurations = tuple(
+        replace(one, outages=_merged(one.outages, outage)) if one.began_ns <= outage.from_ns <= one.done_ns else one
+        for one in snapshot.reconfigurations
+    )
+    return replace(snapshot, outages=known, reconfigurations=reconfigurations)
+
+
+def _merged(outages: tuple[Outage, ...], one: Outage) -> tuple[Outage, ...]:
+    others = (other for other in outages if (other.function, other.from_ns) != (one.function, one.from_ns))
+    return (*others, one)
+
+
+def _served(snapshot: Snapshot) -> set[str]:
+    return {name for name, function in snapshot.functions.items() if function.served}
+
+
+def _places(snapshot: Snapshot) -> dict[str, Place]:
+    return {
+        name: Place(module.pe, module.mode)
+        for name, module in snapshot.modules.items()
+        if module.pe is not None and module.mode is not None
+    }

@@ -1,0 +1,127 @@
+"""Writes a folder of `heronry record` (`recorded_folder`): frames and events of a live feed, in rotating files.
+
+The folder never exceeds its limit: before a pair of files is begun, the oldest ones go until there is room for it. Each
+pair but the first begins with `resumed`, the whole snapshot, so that it can be read without those before it. What has
+come is given to the kernel with every poll: a kill loses nothing that was written before.
+"""
+
+import json
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO, Any
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.replay.recorded_folder import EVENTS_SUFFIX, FORMAT, FRAMES_SUFFIX, HEAD
+from heronry_tools.watch.observations import observation
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import Source, document
+from heronry_wire.command_parser import program_version
+from heronry_wire.frame import LoggedFrame, format_log_line
+
+PAIRS = 8  # into which the limit is divided
+LEAST_BYTES = 16_000_000  # so that a pair holds much more than the snapshot with which it begins
+
+
+_DIGITS = 8  # of the number of a pair
+
+
+class Recorder:
+    """One folder that is being written."""
+
+    def __init__(self, folder: Path, spec: Spec, source: Source, spec_text: bytes, limit_bytes: int) -> None:
+        """Begin a folder, which must be empty or new; raises UserError.
+
+        limit_bytes: of the whole folder; LEAST_BYTES or more.
+        """
+        self._folder, self._reducer = folder, Reducer(spec)
+        self._state = self._reducer.start(source)
+        self._pair_bytes, self._limit_bytes = limit_bytes // PAIRS, limit_bytes
+        self._number = 0
+        self._written = 0  # bytes of the present pair
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
+        self._frames: IO[bytes]
+        self._events: IO[bytes]
+        self._begin_folder(spec, source, spec_text)
+        self._begin_pair()
+
+    def write(self, frames: Iterable[LoggedFrame], events: Iterable[Mapping[str, Any]]) -> None:
+        """Write what has come; raises UserError where the disk does not take it."""
+        try:
+            for logged in frames:
+                date = LoggedFrame(logged.time_ns + self._offset_ns, logged.channel, logged.frame)
+                self._put(self._frames, format_log_line(date))
+            for event in events:
+                self._state = self._reducer.after(self._state, event)
+                self._put(self._events, json.dumps(event, separators=(",", ":")))
+            self._frames.flush()
+            self._events.flush()
+            if self._written >= self._pair_bytes:
+                self._end_pair()
+                self._begin_pair()
+        except OSError as error:
+            raise UserError(
+                f"{self._folder} cannot be written: {error.strerror}; the flight up to now is in it"
+            ) from error
+
+    def close(self) -> None:
+        """End the present files."""
+        self._end_pair()
+
+    def _begin_folder(self, spec: Spec, source: Source, spec_text: bytes) -> None:
+        folder = self._folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise UserError(f"{folder} is not empty: name a new folder, so that no flight is mixed with another")
+            name = f"{spec.name}.dg.yaml"
+            (folder / name).write_bytes(spec_text)
+            head = {
+                "v": FORMAT,
+                "heronry": program_version(),
+                "spec": spec.name,
+                "spec_digest": spec.digest,
+                "spec_file": name,
+                "source": source,
+                "began": datetime.now(UTC).isoformat(timespec="milliseconds"),
+                "date_offset_ns": self._offset_ns,
+                "limit_bytes": self._limit_bytes,
+            }
+            (folder / HEAD).write_text(json.dumps(head, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"{folder} cannot be written: {error.strerror}; name another folder") from error
+
+    def _put(self, stream: IO[bytes], line: str) -> None:
+        data = line.encode() + b"\n"
+        stream.write(data)
+        self._written += len(data)
+
+    def _begin_pair(self) -> None:
+        self._make_room()
+        self._number += 1
+        self._written = 0
+        name = self._folder / f"{self._number:0{_DIGITS}}"
+        self._frames = name.with_suffix(FRAMES_SUFFIX).open("wb")
+        self._events = name.with_suffix(EVENTS_SUFFIX).open("wb")
+        if self._number > 1:
+            view, plan = self._state.snapshot, self._state.running.report or None
+            resumed = observation("resumed", view.t_ns, snapshot=document(view), plan=plan)
+            self._put(self._events, json.dumps(resumed, separators=(",", ":")))
+
+    def _end_pair(self) -> None:
+        for stream in (self._frames, self._events):
+            with suppress(OSError):
+                stream.close()
+
+    def _make_room(self) -> None:
+        """Delete the oldest pairs until the next one has room."""
+        sizes = {file: file.stat().st_size for file in sorted(self._folder.iterdir())}
+        pairs = sorted({file.name[:_DIGITS] for file in sizes if file.name.endswith((FRAMES_SUFFIX, EVENTS_SUFFIX))})
+        while pairs and sum(sizes.values()) + 2 * self._pair_bytes > self._limit_bytes:
+            oldest = pairs.pop(0)
+            for file in [one for one in sizes if one.name.startswith(oldest)]:
+                file.unlink()
+                del sizes[file]

@@ -1,0 +1,163 @@
+"""Recorded feeds: a candump log with its spec, a folder of `heronry record`, or a stream of events as JSON lines.
+
+From a log the events are made anew: all that frames tell (`listening`), and, where the log begins before the manager
+and its core decides again as recorded (`sim.replay`), the manager's own events with their causes. Else, or where there
+is no solver, the feed tells no causes. A folder has the events as they were told in flight.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from pathlib import Path
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.analysis.made_ahead import kept_contingencies
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.replay.proven import is_tagged, proven
+from heronry_tools.sim.replay.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
+from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
+from heronry_tools.watch.listening import Listening
+from heronry_tools.watch.observations import observation
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import Source
+from heronry_tools.watch.timeline import Timeline
+from heronry_wire.authentication import Key
+from heronry_wire.frame import LoggedFrame
+from heronry_wire.pe_table import PeTable
+
+Event = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recorded flight: its frames, if there are any, and its feed."""
+
+    spec: Spec
+    frames: list[LoggedFrame]
+    events: list[Event]
+    source: Source
+
+    def timeline(self) -> Timeline:
+        """Give the snapshot at any time."""
+        return Timeline(Reducer(self.spec), self.events, self.source)
+
+
+def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Recording:
+    """Open a log, a folder of `heronry record`, a file of events (.jsonl), or a scenario, which is flown now.
+
+    spec: its file or name; None is possible with a folder or a scenario, which name their spec. Raises UserError.
+    """
+    if is_recorded_folder(path):
+        loaded = spec_of(path) if spec is None else load_spec(spec)
+        return Recording(loaded, log_of(path), list(events_of(path)), "record")
+    if path.suffix == ".scenario":
+        return _flown(path)
+    if path.is_dir():
+        raise UserError(f"{path} is a folder, and none of 'heronry record': name a log, or such a folder")
+    if spec is None:
+        raise UserError(f"{path} does not say of which spec it is: name the spec behind it")
+    loaded = load_spec(spec)
+    if path.suffix == ".jsonl":
+        return Recording(loaded, [], list(read_events(path)), "record")
+    frames, _ = read_recording(path)
+    return Recording(loaded, frames, events_of_log(loaded, frames, key, str(path)), "log")
+
+
+def _flown(path: Path) -> Recording:
+    """Fly a scenario in the simulator; gives what its managers and its buses told."""
+    from heronry_tools.sim.scenario.in_simulator import fly  # noqa: PLC0415 - needs the solver
+    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
+
+    script, frames, flights = read_script(path), list[LoggedFrame](), list[Any]()
+
+    def watch(flight: Any) -> None:
+        flights.append(flight)
+        for bus in script.spec.buses:
+            flight.wiring.tap(bus, lambda sent: frames.append(LoggedFrame(sent.end_ns, sent.bus, sent.frame)))
+
+    fly(script, is_compared=False, watch=watch)
+    frames.sort(key=lambda logged: logged.time_ns)
+    events = _with_frames(script.spec, frames, flights[0].events, Listening(script.spec, 0, tells_why=True))
+    first = observation("feed", 0, source="simulator", knows_why=True, **_named(script.spec))
+    return Recording(script.spec, frames, [first, *events], "simulator")
+
+
+def _named(spec: Spec) -> dict[str, str]:
+    return {"spec": spec.name, "spec_digest": spec.digest}
+
+
+def _with_frames(spec: Spec, frames: list[LoggedFrame], told: Sequence[Event], listening: Listening) -> Iterator[Event]:
+    """Give what frames tell, and what the managers told, in order of time."""
+    bus_of = _buses(spec, frames)
+    seen = [one for frame in frames for one in listening.take(bus_of[frame.channel], frame.time_ns, frame.frame)]
+    return merge(told, seen, key=lambda event: event["t_ns"])
+
+
+def read_events(path: Path) -> Iterator[Event]:
+    """Read events, one JSON object a line; lines that are none are left out. Raises UserError if there is none."""
+    found = False
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            try:
+                event = json.loads(line)
+            except ValueError:
+                continue
+            if isinstance(event, dict) and isinstance(event.get("t_ns"), int) and "event" in event:
+                found = True
+                yield event
+    if not found:
+        raise UserError(f"{path} holds no event; give the output of 'heronry manager --json' or 'heronry demo --json'")
+
+
+def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: str) -> list[Event]:
+    """Make the feed of a log; raises UserError where the flight had a key, and none is given."""
+    if is_tagged(frames) and key is None:
+        raise UserError(f"{name} is of a flight with a key: name it with --key")
+    told = _why(spec, frames, key)
+    begins_ns = frames[0].time_ns
+    listening = Listening(spec, begins_ns, tells_why=told is not None, key=key, tables=tables_of(spec))
+    first = observation("feed", begins_ns, source="log", knows_why=told is not None, **_named(spec))
+    return [first, *_with_frames(spec, frames, told or (), listening)]
+
+
+def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
+    """Give the bus of each channel of a log: that of the same name, or the manager's where there is but one."""
+    channels = list(dict.fromkeys(frame.channel for frame in frames))
+    if len(channels) == 1 and channels[0] not in spec.buses:
+        return {channels[0]: spec.manager.bus}
+    return {channel: channel for channel in channels}
+
+
+def tables_of(spec: Spec) -> tuple[PeTable, ...]:
+    """Give the tables of the PEs, with the plans made ahead that this user keeps; none where there is no solver."""
+    try:
+        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415 - needs the solver
+    except ModuleNotFoundError:
+        return ()
+    return tuple(prepared_with(spec, kept_contingencies(spec)).tables.values())
+
+
+def _why(spec: Spec, frames: list[LoggedFrame], key: Key | None) -> list[Event] | None:
+    """Give the manager's events by running its core again; None where that is not possible, or decides otherwise."""
+    on_the_bus = on_the_managers_bus(spec, frames, None)
+    found = masterships(spec, on_the_bus if key is None else proven(spec, key, on_the_bus))
+    if not found or found[0].epoch:
+        return None
+    try:
+        from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415 - needs the solver
+        from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
+        from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
+    except ModuleNotFoundError:
+        return None
+    planners = Planners(spec, prepared_with(spec, kept_contingencies(spec)))
+    events: list[Event] = []
+    for mastership in found:
+        rerun = Rerun(planners, mastership)
+        rerun.run()
+        if compared(mastership, rerun).differences():
+            return None
+        events += rerun.events
+    return sorted(events, key=lambda event: event["t_ns"])

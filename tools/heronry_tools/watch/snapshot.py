@@ -1,0 +1,256 @@
+"""The snapshot: everything that is known of a system at one moment, whatever it was learnt from.
+
+`reducer` makes it from events, and knows nothing else but the spec. All views (`heronry top`, `heronry web`, metrics)
+show a snapshot, and the same events give the same snapshot. `docs/watch.md` describes it to users.
+
+Times end in `_ns`: nanoseconds of the clock of the feed: CLOCK_MONOTONIC of a live system, the recorder's clock
+of a recording, and virtual time of the simulator. `null` in the document is a fact that this feed does not tell. A bus
+alone tells no causes (`knows_why` is false): then reconfigurations have no `causes`, and `detect` and `decide` are
+known only where a PE fell silent.
+
+The document is versioned: a later version adds keys; a key that is removed, or means something else, raises `v`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+VERSION = 1
+KEPT_RECONFIGURATIONS = 100
+KEPT_EVENTS = 500
+
+Source = Literal["manager", "bus", "log", "record", "simulator"]
+Standing = Literal["waiting", "up", "suspect", "down", "returning"]
+Stage = Literal["starting", "planning", "preparing", "activating", "running", "stopped"]
+Severity = Literal["error", "warning", "notice", "good", "detail"]
+Live = Literal["served", "degraded", "lost", "idle", "dead"]
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """A capacity, and how much of it the running configuration uses."""
+
+    used: int = 0
+    of: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Manager:
+    """The manager that is active, or whose events these are."""
+
+    node: int | None = None
+    term: int | None = None
+    state: str | None = None  # listening, standing by, starting, active, retired (`heronry status`)
+    advises: bool = False
+    key: str | None = None  # fingerprint of its key
+    journal: str | None = None  # what is wrong with its journal
+
+
+@dataclass(frozen=True, slots=True)
+class Pe:
+    """A processing element. CPU in thousandths of a reference core, RAM and flash in bytes."""
+
+    node_id: int
+    standing: Standing = "waiting"
+    why: str | None = None  # why it is not available
+    last_heard_ns: int | None = None
+    incarnation: int | None = None  # number of its boot, as its state frames have it (modulo 256)
+    reboots: int = 0  # seen since the feed began
+    restarts: int = 0  # of its modules, as it reported them
+    epoch: int | None = None  # that it reports to run
+    runs: str | None = None  # UNCONFIGURED, BROKEN, PARTIAL, ACTIVE: how far it is in that epoch
+    hears_manager: bool | None = None
+    load_percent: int | None = None  # of its CPU, as it measures
+    cpu: Budget = Budget()
+    ram: Budget = Budget()
+    flash: Budget = Budget()
+    modules: tuple[str, ...] = ()  # that the running configuration places here
+    stood_still: int = 0  # long standstills of its computer
+
+
+@dataclass(frozen=True, slots=True)
+class Bus:
+    """A bus. Loads are shares of the bit rate, from 0 to 1."""
+
+    bit_rate: int
+    most: float  # the largest planned load that the spec allows, without the reserve
+    planned: float | None = None  # by the data of the running configuration
+    load: float | None = None  # measured over the last second
+    peak: float | None = None  # in the busiest 100 ms of the last second
+    bits_per_s: Mapping[str, int] = field(default_factory=dict)  # over the last second, by kind of traffic
+    frames_per_s: int | None = None
+    error_state: str | None = None  # of the listening controller: active, warning, passive, bus_off
+    errors: int = 0  # error frames since the feed began
+    trouble: str | None = None  # what the manager says of its bus
+    channels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # replicated: name -> nodes that lack it
+    link: str | None = None  # of a radio: usable share of its bandwidth, or gone; null: all of it
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function: as planned (`served`) and as heard on the bus (`heard`)."""
+
+    wanted: bool
+    criticality: str
+    priority: int
+    served: bool | None = None
+    degraded: bool = False  # served, in another than its best mode
+    mode: str | None = None
+    value: int | None = None
+    why_not: str | None = None
+    not_since_ns: int | None = None  # since when it is wanted and not served
+    heard: bool | None = None  # its outputs are heard on the manager's bus
+    heard_ns: int | None = None  # its last output
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """What one input of a module is connected to."""
+
+    producer: str
+    variable: str
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """A module of the spec; `pe` is null where it does not run."""
+
+    pe: str | None = None
+    mode: str | None = None
+    degraded: bool = False  # runs in another than its best mode
+    wires: Mapping[str, Wire] = field(default_factory=dict)  # by the path of the input in its gate expression
+    failure: str | None = None  # why it failed last, as its PE gives it
+    restarts: int = 0
+    can_run: bool = True  # in this situation, with unlimited resources
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A latched fault."""
+
+    element: str
+    by: str
+    code: str | None = None
+    detail: int | None = None
+    since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a module runs, and in which mode."""
+
+    pe: str
+    mode: str
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """The four times of a reconfiguration, in ns; null: this feed does not tell."""
+
+    detect: int | None = None
+    decide: int | None = None
+    distribute: int | None = None
+    activate: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A silence of a function's outputs on the bus."""
+
+    function: str
+    from_ns: int
+    to_ns: int | None = None  # null: not back yet
+
+
+@dataclass(frozen=True, slots=True)
+class Reconfiguration:
+    """A reconfiguration that is done. Names are of modules, or of functions."""
+
+    number: int  # from 1, in the order of the feed
+    epoch: int
+    term: int | None
+    began_ns: int  # the last sign of the old situation, where that is known
+    done_ns: int
+    times_ns: Times
+    causes: tuple[str, ...]
+    sentence: str  # what happened and why, in one sentence
+    moved: tuple[str, ...] = ()
+    started: tuple[str, ...] = ()
+    stopped: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()  # functions that were served before
+    gained: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
+    outages: tuple[Outage, ...] = ()  # silences that began in its time
+    before: Mapping[str, Place] = field(default_factory=dict)  # modules before and after
+    after: Mapping[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlPath:
+    """Whether a control loop through a plant is closed."""
+
+    state: str  # on_path, open, unmoved, unseen
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """The live parts of the dependency graph, by the keys of its symbols and edges (`reports.render`).
+
+    served: in use; degraded: in use, a module in another than its best mode; lost: the output of a function that is
+    wanted and not served; idle: an alternative that is not chosen; dead: cannot run, hold or be given.
+    """
+
+    nodes: Mapping[str, Live] = field(default_factory=dict)
+    cells: Mapping[str, Live] = field(default_factory=dict)  # modes: KEY#NUMBER, from 0
+    edges: Mapping[str, Live] = field(default_factory=dict)  # `graph_marks.edge_key`
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """An event as a view lists it; the event itself is line `number` of the feed."""
+
+    number: int
+    t_ns: int
+    event: str
+    severity: Severity
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything that is known of a system at one moment."""
+
+    v: int = VERSION
+    source: Source = "manager"
+    knows_why: bool = True
+    spec: str = ""
+    spec_digest: str = ""
+    t_ns: int = 0  # of the last event
+    began_ns: int | None = None  # of the first event
+    events: int = 0  # so many so far
+    stage: Stage = "starting"
+    phase: str | None = None
+    epoch: int | None = None
+    next_epoch: int | None = None  # that is being prepared
+    unknown_epoch: int | None = None  # the PEs run it, and its configuration is not known
+    manager: Manager = Manager()
+    pes: Mapping[str, Pe] = field(default_factory=dict)
+    buses: Mapping[str, Bus] = field(default_factory=dict)
+    functions: Mapping[str, Function] = field(default_factory=dict)
+    modules: Mapping[str, Module] = field(default_factory=dict)
+    plants: Mapping[str, ControlPath] = field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
+    priorities: Mapping[str, int] = field(default_factory=dict)  # changed ones, by function
+    down: tuple[str, ...] = ()  # the elements that the situation lacks
+    reconfigurations: tuple[Reconfiguration, ...] = ()  # the last ones, oldest first
+    outages: tuple[Outage, ...] = ()  # the last ones
+    graph: Graph = Graph()
+    told: tuple[Told, ...] = ()  # the last events, oldest first
+    lost_lines: int = 0  # events that this reader was too slow for
+
+
+def document(snapshot: Snapshot) -> dict[str, Any]:
+    """Give a snapshot as plain data: what `heronry top --json` prints."""
+    return asdict(snapshot)

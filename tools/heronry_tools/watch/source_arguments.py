@@ -1,0 +1,107 @@
+"""What a view watches, as its command line says it: a manager here, a bus, or a recording. The same for all views.
+
+nothing              the manager of this computer, found as 'heronry status' finds it
+--log FILE [SPEC]    a candump log, a folder of 'heronry record', a scenario, or events as JSON lines
+SPEC with -i, -c     the buses alone, listening only
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.manager_argument import add_manager_argument, manager_socket
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.runtime.demo.buses import BusChoice
+    from heronry_tools.watch.live_feeds import Feed
+    from heronry_tools.watch.recordings import Recording
+    from heronry_wire.authentication import Key
+
+EXAMPLES = """\
+  heronry {command}                                   the manager on this computer, or of the demo beside this
+  heronry {command} --of big_blue-demo                where several managers run
+  heronry {command} big_blue -i socketcan -c can0     the bus alone, listening only: all but why
+  heronry {command} --log flight.log big_blue         a recorded flight
+"""
+
+
+def add_source_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what names a manager, buses or a recording."""
+    from heronry_wire.bus_arguments import add_bus_arguments  # noqa: PLC0415 - python-can is slow to import
+
+    parser.add_argument(
+        "spec", metavar="SPEC", nargs="?", help="of the bus or the log: a *.dg.yaml file, or a shipped spec"
+    )
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="a candump log, a folder of 'heronry record', a *.scenario, or events of a manager (*.jsonl)",
+    )
+    parser.add_argument("--key", type=Path, metavar="FILE", help="the key of the flight, for a bus or a log")
+    parser.add_argument(
+        "--bus",
+        metavar="NAME=[INTERFACE:]CHANNEL",
+        action="append",
+        default=[],
+        help="another bus of SPEC to listen to",
+    )
+    add_manager_argument(parser)
+    add_bus_arguments(parser, "the manager's bus, to listen to")
+
+
+def opened_source(arguments: argparse.Namespace) -> "Feed | Recording":
+    """Open what the command line names; raises UserError, ControlError or LinkError."""
+    from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
+    from heronry_wire.key_file import read_key  # noqa: PLC0415
+
+    flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
+    key = None if arguments.key is None else read_key(arguments.key)
+    names_bus, names_manager = bool(flags or arguments.bus), bool(arguments.of or arguments.socket)
+    if sum((names_bus, names_manager, arguments.log is not None)) > 1:
+        raise UserError(
+            "a manager (--of, --socket), a bus (-i, -c, --bus) and a recording (--log): name only one of them"
+        )
+    if arguments.log is not None:
+        from heronry_tools.watch.recordings import open_recording  # noqa: PLC0415 - loads the solver
+
+        return open_recording(arguments.log, arguments.spec, key)
+    if names_bus:
+        return _listened(arguments, flags, key)
+    if arguments.spec is not None:
+        raise UserError(
+            f"{arguments.spec} is watched on a bus or in a log: add -i and -c, or --log FILE; to follow the manager "
+            "that runs here, leave it out"
+        )
+    from heronry_tools.watch.live_feeds import FollowedManager  # noqa: PLC0415
+
+    return FollowedManager(manager_socket(arguments))
+
+
+def _listened(arguments: argparse.Namespace, flags: dict[str, object], key: "Key | None") -> "Feed":
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.watch.live_feeds import ListenedBuses  # noqa: PLC0415
+    from heronry_tools.watch.recordings import tables_of  # noqa: PLC0415
+
+    if arguments.spec is None:
+        raise UserError(
+            "a bus does not say of which spec it is: name it, as in 'heronry top big_blue -i socketcan -c can0'"
+        )
+    spec = load_spec(arguments.spec)
+    return ListenedBuses(spec, list(_choices(spec, arguments, flags)), key=key, tables=tables_of(spec))
+
+
+def _choices(spec: "Spec", arguments: argparse.Namespace, flags: dict[str, object]) -> "Iterator[BusChoice]":
+    from heronry_tools.runtime.demo.buses import BusChoice  # noqa: PLC0415
+    from heronry_wire.bus_arguments import named_buses  # noqa: PLC0415
+
+    if flags:
+        bus = spec.buses[spec.manager.bus]
+        interface, channel = str(flags.get("interface", "socketcan")), str(flags.get("channel", ""))
+        yield BusChoice(bus.name, interface, channel, None, is_ours=False, channels=bus.channels)
+    for name, (interface_, channel) in named_buses(arguments.bus, f"spec {spec.name}", spec.buses).items():
+        kind = interface_ or "socketcan"
+        yield BusChoice(name, kind, channel, None, is_ours=False, channels=spec.buses[name].channels)

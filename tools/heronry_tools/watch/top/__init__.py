@@ -1,0 +1,1 @@
+"""`heronry top`: a snapshot in a terminal. `panels` writes it as text, `app` shows it, `sources` feeds it."""

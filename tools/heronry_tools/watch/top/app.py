@@ -1,0 +1,279 @@
+"""`heronry top` in a terminal, with Textual: panels of text, painted anew at most twice a second.
+
+What has come is taken as it comes, and counted also while the picture is frozen. A panel is painted only where its text
+has changed, so that a slow line (SSH) carries little.
+"""
+
+import asyncio
+from typing import Any, ClassVar
+
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Footer, Input, Static
+
+from heronry_tools.watch.snapshot import Snapshot
+from heronry_tools.watch.top import panels
+from heronry_tools.watch.top.panels import Look, joined
+from heronry_tools.watch.top.sources import RecordedSource, TopSource
+
+REPAINT_S = 0.5
+_LOOK_S = 0.1  # the longest time for which a feed is not looked at
+_STEP_NS = 1_000_000_000
+_MOST_EVENTS = 200
+_WIDE, _HIGH = 140, 36
+_TABS = ("events", "reconfigurations", "modules")
+_HELP = """\
+up, down       select a PE                    d   all details of it, and of the last reconfiguration
+1, 2, 3        events, reconfigurations, modules of the selected PE (tab: the next one)
+/              show only lines with these words; empty: all       SPACE   freeze the picture; counting goes on
+?              this page                      q   quit
+
+of a recording:  left, right   one second     [, ]   the reconfiguration before, the next one
+                 p   play at 1x, 4x, 16x      home, end   to its begin, to its end
+"""
+
+
+_OWN_ACTIONS = frozenset(
+    {"help", "filter", "freeze", "details", "tab", "play", "reconfiguration", "quit", "select", "show", "move", "end"}
+)
+
+
+def _shown(key: str, action: str, words: str | None = None) -> Binding:
+    """Bind a key, before the widgets get it, and show it in the footer."""
+    return Binding(key, action, action if words is None else words, priority=True)
+
+
+def _quiet(key: str, action: str) -> Binding:
+    return Binding(key, action, show=False, priority=True)
+
+
+class Reading(ModalScreen[None]):
+    """A page to read; any of the keys that opened it closes it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [("escape,q,d,question_mark", "close", "close")]
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        """One scrolling page."""
+        with VerticalScroll(id="page"):
+            yield Static(Text(self._text))
+        yield Footer()
+
+    def action_close(self) -> None:
+        """Back to the panels."""
+        self.dismiss()
+
+
+class TopApp(App[None]):
+    """The panels of one source."""
+
+    CSS_PATH = "app.tcss"
+    ENABLE_COMMAND_PALETTE = False
+    AUTO_FOCUS = None
+    BINDINGS: ClassVar[list[BindingType]] = [
+        _shown("question_mark", "help"),
+        _shown("slash", "filter"),
+        _shown("space", "freeze"),
+        _shown("d", "details"),
+        _shown("tab", "tab", "panel"),
+        _shown("q", "quit"),
+        _shown("p", "play"),
+        Binding("left_square_bracket", "reconfiguration(0)", "step", key_display="[ ]", priority=True),
+        _quiet("right_square_bracket", "reconfiguration(1)"),
+        _quiet("up", "select(-1)"),
+        _quiet("down", "select(1)"),
+        *(_quiet(str(number), f"show({number - 1})") for number in range(1, len(_TABS) + 1)),
+        _quiet("left", "move(-1)"),
+        _quiet("right", "move(1)"),
+        _quiet("home", "end(0)"),
+        _quiet("end", "end(1)"),
+    ]
+    _OF_A_RECORDING: ClassVar[frozenset[str]] = frozenset({"play", "reconfiguration", "move", "end"})
+
+    def __init__(self, source: TopSource) -> None:
+        """Show a source, which the caller closes."""
+        super().__init__()
+        self.source = source
+        self.look = Look()
+        self.repaints = 0
+        self._tab = 0
+        self._frozen: Snapshot | None = None
+        self._waits_on: set[int] = set()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Leave the keys to a page that is open, and to the field of the filter."""
+        del parameters
+        if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
+            return action not in _OWN_ACTIONS
+        return self.source.is_recorded or action not in self._OF_A_RECORDING
+
+    def compose(self) -> ComposeResult:
+        """Head, buses, PEs beside functions, and what happened."""
+        yield Static(id="head")
+        yield Static(id="buses")
+        with Horizontal(id="middle"):
+            yield Static(id="pes")
+            with VerticalScroll(id="functions-scroll", can_focus=False):
+                yield Static(id="functions")
+        with Horizontal(id="below"):
+            for name in _TABS:
+                with Vertical(id=f"{name}-box"):
+                    yield Static(id=name)
+        yield Input(placeholder="show only lines with these words", id="filter")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to look and to paint."""
+        self.query_one("#filter").display = False
+        self.set_interval(_LOOK_S, self._take)
+        self.set_interval(REPAINT_S, self.paint)
+        self._take()
+        self._arrange()
+        self.paint()
+
+    def on_resize(self) -> None:
+        """Show all panels side by side where there is room."""
+        self._arrange()
+        self.call_after_refresh(self.paint)
+
+    def snapshot(self) -> Snapshot:
+        """Give what is shown."""
+        return self.source.snapshot() if self._frozen is None else self._frozen
+
+    def _take(self) -> None:
+        """Take what has come, and wait on what the source reads from now: a manager that ends is not waited on."""
+        self.source.look()
+        loop, readers = asyncio.get_running_loop(), set(map(_fileno, self.source.readers()))
+        for fileno in self._waits_on - readers:
+            loop.remove_reader(fileno)
+        for fileno in readers - self._waits_on:
+            loop.add_reader(fileno, self._take)
+        self._waits_on = readers
+
+    def _arrange(self) -> None:
+        is_large = self.size.width >= _WIDE and self.size.height >= _HIGH
+        for number, name in enumerate(_TABS):
+            self.query_one(f"#{name}-box").display = is_large or number == self._tab
+
+    def paint(self) -> None:
+        """Write the panels."""
+        view, width = self.snapshot(), self.size.width
+        self.repaints += 1
+        look = self.look = self._selected(view)
+        self._write("head", [*panels.head(view), *self._notes()])
+        self._write("buses", panels.buses(view, width))
+        self._write("pes", panels.pes(view, look))
+        self._write("functions", panels.functions(view, look))
+        self._write("events", panels.events(view, look, _MOST_EVENTS))
+        self._write("reconfigurations", panels.reconfigurations(view, look))
+        self._write("modules", panels.modules(view, look))
+
+    def _selected(self, view: Snapshot) -> Look:
+        if self.look.selected in view.pes or not view.pes:
+            return self.look
+        return Look(next(iter(view.pes)), self.look.words)
+
+    def _notes(self) -> list[Text]:
+        notes = [self.source.note()]
+        if self._frozen is not None:
+            since = self.source.snapshot().events - self._frozen.events
+            notes.append(f"FROZEN, {since} events since: SPACE goes on")
+        if self.look.words:
+            notes.append(f"only lines with '{self.look.words}'")
+        said = "   ".join(filter(None, notes))
+        return [Text(said, "bold cyan")] if said else []
+
+    def _write(self, name: str, lines: list[Text]) -> None:
+        panel = self.query_one(f"#{name}", Static)
+        text = joined(lines)
+        if getattr(panel, "shown_text", None) != text:
+            panel.shown_text = text  # type: ignore[attr-defined]
+            panel.update(text)
+
+    # What the keys do
+
+    def action_help(self) -> None:
+        """Show the keys, and what the letters mean."""
+        self.push_screen(Reading(_HELP + "\n" + "\n".join(panels.LEGEND)))
+
+    def action_details(self) -> None:
+        """Show all of the selected PE."""
+        self.push_screen(Reading("\n".join(panels.details(self.snapshot(), self.look)) or "nothing is known yet"))
+
+    def action_freeze(self) -> None:
+        """Freeze the picture, or go on."""
+        self._frozen = self.source.snapshot() if self._frozen is None else None
+        self.paint()
+
+    def action_select(self, step: int) -> None:
+        """Select another PE."""
+        names = list(self.snapshot().pes)
+        if names:
+            at = names.index(self.look.selected) if self.look.selected in names else 0
+            self.look = Look(names[(at + step) % len(names)], self.look.words)
+            self.paint()
+
+    def action_tab(self) -> None:
+        """Show the next panel below."""
+        self.action_show((self._tab + 1) % len(_TABS))
+
+    def action_show(self, number: int) -> None:
+        """Show a panel below."""
+        self._tab = number
+        self._arrange()
+
+    def action_filter(self) -> None:
+        """Let the user write words."""
+        field = self.query_one("#filter", Input)
+        field.display = True
+        field.focus()
+
+    def on_input_submitted(self, said: Input.Submitted) -> None:
+        """Take the words of the filter."""
+        self.look = Look(self.look.selected, said.value.strip())
+        said.input.display = False
+        self.set_focus(None)
+        self.paint()
+
+    def action_move(self, seconds: int) -> None:
+        """Move the cursor of a recording."""
+        self._recorded().move(seconds * _STEP_NS)
+        self.paint()
+
+    def action_reconfiguration(self, which: int) -> None:
+        """Move the cursor to a reconfiguration."""
+        self._recorded().to_reconfiguration(is_next=bool(which))
+        self.paint()
+
+    def action_play(self) -> None:
+        """Let the cursor run, faster each time."""
+        self._recorded().play()
+
+    def action_end(self, which: int) -> None:
+        """Move the cursor to an end of the recording."""
+        timeline = self._recorded().timeline
+        self._recorded().move_to(timeline.ends_ns if which else timeline.begins_ns)
+        self.paint()
+
+    def _recorded(self) -> RecordedSource:
+        assert isinstance(self.source, RecordedSource), "these keys are bound only for a recording"
+        return self.source
+
+
+def _fileno(reader: Any) -> int:
+    """Give the descriptor of what a feed reads: some readers are descriptors themselves."""
+    return reader if isinstance(reader, int) else int(reader.fileno())
+
+
+def run_top(source: TopSource) -> None:
+    """Show a source until the user quits."""
+    try:
+        TopApp(source).run()
+    finally:
+        source.close()

@@ -1,0 +1,259 @@
+"""A snapshot as the panels of `heronry top`: text with colours, one fact a line, and a letter beside every colour.
+
+Each function gives lines for one panel; the app cuts them to the width of the panel.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.text import Text
+
+from heronry_tools.watch.snapshot import Budget, Bus, Function, Module, Pe, Reconfiguration, Snapshot, Told
+
+_STANDING = {
+    "up": ("U", "green"),
+    "suspect": ("?", "yellow"),
+    "down": ("X", "bold red"),
+    "returning": ("R", "cyan"),
+    "waiting": ("w", "dim"),
+}
+_SEVERITY = {
+    "error": ("E", "bold red"),
+    "warning": ("W", "yellow"),
+    "notice": ("N", "bold"),
+    "good": ("+", "green"),
+    "detail": (" ", "dim"),
+}
+_MANAGER = {"reigning": "active", None: "not heard"}  # states whose value is an older word
+_NS_PER_S = 1_000_000_000
+_LOST_IN_HEAD = 2
+LEGEND = (
+    "PEs        U up   ? suspect   R returning   X down   w never heard",
+    "functions  S served   d degraded   L lost   - not wanted   ~ served, but not heard on the bus",
+    "modules    r runs   d in a lesser mode   . not needed   x cannot run",
+    "events     E error   W warning   N notice   + good",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the user has chosen to see."""
+
+    selected: str = ""  # a PE
+    words: str = ""  # of the filter
+
+
+def seconds(ns: int | None, digits: int = 1) -> str:
+    """Write a duration."""
+    return "-" if ns is None else f"{ns / _NS_PER_S:.{digits}f}s"
+
+
+def head(view: Snapshot) -> list[Text]:
+    """Phase, epoch, term and stage; what is wrong as a whole."""
+    manager = view.manager
+    state = _MANAGER.get(manager.state, manager.state)
+    line = Text.assemble((view.spec, "bold"), f"  phase {view.phase or '-'}  ")
+    epoch = view.epoch if view.epoch is not None else f"{view.unknown_epoch} (unknown)" if view.unknown_epoch else "-"
+    line.append(f"epoch {epoch}", "bold")
+    line.append(f"  term {manager.term if manager.term is not None else '-'}  ")
+    line.append(f"manager {manager.node or '-'} {state}  ")
+    line.append(view.stage.upper(), "bold green" if view.stage == "running" else "bold yellow")
+    lines = [line]
+    lost = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
+    lines += [Text(f"lost: {name} <- {one.why_not}", "bold red") for name, one in lost[:_LOST_IN_HEAD] if view.epoch]
+    notes = [] if view.knows_why else ["the bus alone: no causes are known"]
+    notes += [f"{fault.element} failed ({fault.by})" for fault in view.faults]
+    notes += [f"the loop through {name} is open" for name, plant in view.plants.items() if plant.state != "on_path"]
+    notes += [f"{view.lost_lines} events missed"] if view.lost_lines else []
+    notes += [f"journal: {manager.journal}"] if manager.journal else []
+    if notes:
+        lines.append(Text("! " + "; ".join(notes), "yellow"))
+    return lines
+
+
+def buses(view: Snapshot, width: int) -> list[Text]:
+    """One line a bus: a bar of the load now, the peak, what is planned."""
+    return [_bus(name, bus, max(8, min(40, width - 52))) for name, bus in view.buses.items()]
+
+
+def _bus(name: str, bus: Bus, cells: int) -> Text:
+    load, peak = bus.load or 0.0, bus.peak or 0.0
+    full, high = round(min(load, 1) * cells), round(min(peak, 1) * cells)
+    colour = "red" if load > bus.most else "yellow" if peak > bus.most else "green"
+    line = Text.assemble(f"{name:<8.8} ", ("█" * full, colour), ("▒" * max(0, high - full), colour))
+    line.append("·" * max(0, cells - max(full, high)), "dim")
+    measured = "not heard here" if bus.load is None else f"{100 * load:3.0f}% peak {100 * peak:3.0f}%"
+    planned = "" if bus.planned is None else f" planned {100 * bus.planned:.0f}%"
+    line.append(f" {measured}{planned}")
+    troubles = [f"{lacking} lack {channel}" for channel, by in bus.channels.items() if (lacking := ", ".join(by))]
+    troubles += [f"link {bus.link}"] if bus.link else []
+    troubles += [bus.trouble or ""] + ([f"{bus.errors} errors"] if bus.errors else [])
+    line.append(f" {'; '.join(filter(None, troubles))}", "bold red")
+    return line
+
+
+def pes(view: Snapshot, look: Look) -> list[Text]:
+    """One line a PE."""
+    lines = [Text("  PE         heard  epoch CPU      mod rst", "bold")]
+    for name, pe in view.pes.items():
+        if _matches(look, name, pe.why):
+            lines.append(_pe(view, name, pe, is_selected=name == look.selected))
+    return lines
+
+
+def _pe(view: Snapshot, name: str, pe: Pe, *, is_selected: bool) -> Text:
+    letter, colour = _STANDING[pe.standing]
+    age = None if pe.last_heard_ns is None else max(0, view.t_ns - pe.last_heard_ns)
+    line = Text.assemble((letter, colour), ">" if is_selected else " ", (f"{name:<10.10}", colour))
+    line.append(f" {seconds(age):>5} ")
+    if pe.why and pe.standing in ("down", "returning"):
+        line.append(pe.why, "yellow")
+    else:
+        line.append(f"{pe.epoch if pe.epoch is not None else '-':>5} {_bar(pe.cpu, 6)}")
+        line.append(f" {len(pe.modules):>4} {pe.restarts + pe.reboots:>3}")
+    if is_selected:
+        line.stylize("reverse")
+    return line
+
+
+def _bar(budget: Budget, cells: int) -> str:
+    full = round(cells * budget.used / budget.of) if budget.of else 0
+    return "▮" * min(full, cells) + "▯" * max(0, cells - full)
+
+
+def function_state(function: Function) -> tuple[str, str]:
+    """Letter and colour of a function."""
+    if not function.wanted:
+        return "-", "dim"
+    if function.served is None:
+        return "?", "yellow"
+    if not function.served:
+        return "L", "bold red"
+    if function.heard is False:
+        return "~", "yellow"
+    return ("d", "yellow") if function.degraded else ("S", "green")
+
+
+def functions(view: Snapshot, look: Look) -> list[Text]:
+    """One line a function: `lost <- why` where it is not served."""
+    lines = [Text("  function         cl mode", "bold")]
+    shown = [(name, one) for name, one in view.functions.items() if _matches(look, name, one.why_not, one.mode)]
+    lines += [_function(view, name, one) for name, one in shown if one.wanted]
+    unwanted = [name for name, one in shown if not one.wanted]
+    return [*lines, Text(f"- not wanted: {', '.join(unwanted)}", "dim")] if unwanted else lines
+
+
+def _function(view: Snapshot, name: str, one: Function) -> Text:
+    letter, colour = function_state(one)
+    line = Text.assemble((letter, colour), f" {name:<16.16} {one.criticality}  ")
+    if letter == "L":
+        since = None if one.not_since_ns is None else view.t_ns - one.not_since_ns
+        line.append(f"lost {seconds(since)} <- {one.why_not or 'the bus does not tell why'}", colour)
+    elif one.served:
+        line.append(f"{one.mode}" + (" (not heard)" if one.heard is False else ""))
+    else:
+        line.append(one.why_not or "", colour)
+    return line
+
+
+def modules(view: Snapshot, look: Look) -> list[Text]:
+    """The modules of the selected PE."""
+    pe = view.pes.get(look.selected)
+    if pe is None:
+        return [Text("no PE is selected: press down", "dim")]
+    used = ", ".join(f"{kind} {b.used}/{b.of}" for kind, b in (("CPU", pe.cpu), ("RAM", pe.ram), ("flash", pe.flash)))
+    lines = [Text(f"modules of {look.selected} ({used})", "bold")]
+    here = [(name, view.modules[name]) for name in pe.modules if name in view.modules]
+    lines += [_module(name, module) for name, module in here if _matches(look, name, module.mode)]
+    return lines if here else [*lines, Text("  none", "dim")]
+
+
+def _module(name: str, module: Module) -> Text:
+    letter = "d" if module.degraded else "r"
+    line = Text.assemble(
+        (f"{letter} ", "yellow" if module.degraded else "green"), f"{name:<22.22} {module.mode or '':<14.14}"
+    )
+    wires = dict.fromkeys(f"{wire.producer}" for wire in module.wires.values())
+    line.append(f" <- {', '.join(wires)}" if wires else "", "dim")
+    line.append(f" {module.restarts} restarts" if module.restarts else "", "yellow")
+    line.append(f" {module.failure}" if module.failure else "", "red")
+    return line
+
+
+def reconfigurations(view: Snapshot, look: Look) -> list[Text]:
+    """The last reconfigurations, newest first."""
+    lines = [Text("epoch  detect decide distr. activ. ms  moved/started/stopped  lost <- why", "bold")]
+    shown = (one for one in reversed(view.reconfigurations) if _matches(look, one.sentence, *one.lost))
+    lines += map(_reconfiguration, shown)
+    return lines if len(lines) > 1 else [*lines, Text("none yet", "dim")]
+
+
+def _reconfiguration(one: Reconfiguration) -> Text:
+    times = (one.times_ns.detect, one.times_ns.decide, one.times_ns.distribute, one.times_ns.activate)
+    four = " ".join(f"{'-' if ns is None else f'{ns / 1e6:.1f}':>6}" for ns in times)
+    line = Text(f"{one.epoch:>5}  {four}     {len(one.moved)}/{len(one.started)}/{len(one.stopped)}  ")
+    line.append(f"lost {', '.join(one.lost)} " if one.lost else "", "bold red")
+    line.append(f"back {', '.join(one.gained)} " if one.gained and one.number > 1 else "", "green")
+    line.append(f"<- {one.causes[0]}" if one.causes else "<- not known")
+    return line
+
+
+def events(view: Snapshot, look: Look, most: int) -> list[Text]:
+    """The last events, newest first."""
+    shown = [told for told in reversed(view.told) if _matches(look, told.sentence, told.event)]
+    return [_told(view, told) for told in shown[:most]] or [Text("nothing yet", "dim")]
+
+
+def _told(view: Snapshot, told: Told) -> Text:
+    letter, colour = _SEVERITY[told.severity]
+    at = told.t_ns - (view.began_ns or 0)
+    return Text.assemble((f"{letter} ", colour), (f"{at / _NS_PER_S:9.2f} ", "dim"), (told.sentence, colour))
+
+
+def details(view: Snapshot, look: Look) -> Iterator[str]:
+    """All of the selected PE, and of the last reconfiguration, for reading."""
+    pe = view.pes.get(look.selected)
+    if pe is not None:
+        yield f"PE {look.selected} (node {pe.node_id}) is {pe.standing}" + (f": {pe.why}" if pe.why else "")
+        boot = "" if pe.incarnation is None else f"boot number {pe.incarnation}, "
+        yield f"  {boot}{pe.reboots} reboots seen, {pe.restarts} restarts of modules"
+        runs = "no epoch" if pe.epoch is None else f"epoch {pe.epoch} ({pe.runs})"
+        hears = {True: "hears a manager", False: "hears no manager", None: "was not heard here"}[pe.hears_manager]
+        load = "" if pe.load_percent is None else f", CPU load {pe.load_percent} %"
+        yield f"  it reports {runs}, {hears}{load}"
+        yield f"  standstills of its computer: {pe.stood_still}"
+        for name in pe.modules:
+            module = view.modules[name]
+            yield f"  {name} in mode {module.mode}"
+            yield from (
+                f"    {path or '.'} <- {w.variable}@{w.version} of {w.producer}" for path, w in module.wires.items()
+            )
+    if view.reconfigurations:
+        last = view.reconfigurations[-1]
+        yield ""
+        yield last.sentence
+        for word, names in (("moved", last.moved), ("started", last.started), ("stopped", last.stopped)):
+            for name in names:
+                places = [last.before.get(name), last.after.get(name)]
+                yield f"  {word} {name}: {' -> '.join(f'{p.pe} ({p.mode})' for p in places if p is not None)}"
+        for word, names in (("lost", last.lost), ("back", last.gained), ("kept", last.kept)):
+            if names:
+                yield f"  {word}: {', '.join(names)}"
+        for outage in last.outages:
+            gap = "still silent" if outage.to_ns is None else f"{(outage.to_ns - outage.from_ns) / 1e6:.0f} ms"
+            yield f"  {outage.function} was not heard: {gap}"
+    unserved = [(name, one) for name, one in view.functions.items() if one.wanted and one.served is False]
+    if unserved:
+        yield ""
+        yield from (f"{name} is not served: {one.why_not}" for name, one in unserved)
+
+
+def _matches(look: Look, *texts: str | None) -> bool:
+    return not look.words or any(look.words.lower() in text.lower() for text in texts if text)
+
+
+def joined(lines: Sequence[Text]) -> Text:
+    """Join lines into one text, of which each line is cut at the edge of its panel."""
+    whole = Text("\n", no_wrap=True, overflow="ellipsis").join(lines)
+    whole.no_wrap, whole.overflow = True, "ellipsis"
+    return whole

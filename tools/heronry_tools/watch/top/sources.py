@@ -1,0 +1,112 @@
+"""Where `heronry top` gets its snapshot from: a live feed, or a recording with a cursor in time."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from heronry_tools.watch.live_feeds import Feed
+from heronry_tools.watch.recordings import Recording
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.snapshot import Snapshot
+
+SPEEDS = (1, 4, 16)
+_NS_PER_S = 1_000_000_000
+
+
+class LiveSource:
+    """A live feed: what it told so far."""
+
+    is_recorded = False
+
+    def __init__(self, feed: Feed) -> None:
+        self._feed, self._reducer = feed, Reducer(feed.spec)
+        self._state = self._reducer.start(feed.source)
+
+    def readers(self) -> Sequence[Any]:
+        """Give what becomes readable when something has come."""
+        return self._feed.readers()
+
+    def look(self) -> None:
+        """Take what has come."""
+        self._state = self._reducer.all(self._feed.poll(), self._state)
+
+    def snapshot(self) -> Snapshot:
+        """Give the present snapshot."""
+        return self._state.snapshot
+
+    def note(self) -> str:
+        """What is wrong with the feed, or nothing."""
+        return self._feed.trouble or ""
+
+    def close(self) -> None:
+        """Leave."""
+        self._feed.close()
+
+
+class RecordedSource:
+    """A recording, and a cursor in it that can be moved, or runs."""
+
+    is_recorded = True
+
+    def __init__(self, recording: Recording, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        """Begin at the end; `clock_ns` is the clock by which the cursor runs."""
+        self.timeline, self._clock_ns = recording.timeline(), clock_ns
+        self.at_ns = self.timeline.ends_ns
+        self._speed, self._ran_ns = 0, 0
+
+    def readers(self) -> Sequence[Any]:
+        """A recording is not waited for."""
+        return ()
+
+    def look(self) -> None:
+        """Move the cursor by the time that has passed, if it runs."""
+        now_ns = self._clock_ns()
+        if self._speed:
+            self.move_to(self.at_ns + self._speed * (now_ns - self._ran_ns))
+            if self.at_ns >= self.timeline.ends_ns:
+                self._speed = 0
+        self._ran_ns = now_ns
+
+    def play(self) -> None:
+        """Let the cursor run, at the next of its speeds; after the last one it stops."""
+        faster = [speed for speed in SPEEDS if speed > self._speed]
+        if self.at_ns >= self.timeline.ends_ns:
+            self.at_ns = self.timeline.begins_ns
+        self._speed, self._ran_ns = (faster[0] if faster else 0), self._clock_ns()
+
+    def move(self, by_ns: int) -> None:
+        """Move the cursor."""
+        self.move_to(self.at_ns + by_ns)
+
+    def move_to(self, at_ns: int) -> None:
+        """Move the cursor to a time in the recording."""
+        self.at_ns = min(max(at_ns, self.timeline.begins_ns), self.timeline.ends_ns)
+
+    def to_reconfiguration(self, *, is_next: bool) -> None:
+        """Move the cursor to the next reconfiguration, or the one before; to an end where there is none."""
+        times = self.timeline.reconfigurations()
+        if is_next:
+            self.move_to(min((t for t in times if t > self.at_ns), default=self.timeline.ends_ns))
+        else:
+            self.move_to(max((t for t in times if t < self.at_ns), default=self.timeline.begins_ns))
+
+    def snapshot(self) -> Snapshot:
+        """Give the snapshot at the cursor."""
+        return self.timeline.at(self.at_ns)
+
+    def note(self) -> str:
+        """Where the cursor is, and how fast it runs."""
+        begins_ns = self.timeline.begins_ns
+        at_s, whole_s = (self.at_ns - begins_ns) / _NS_PER_S, (self.timeline.ends_ns - begins_ns) / _NS_PER_S
+        return f"log {at_s:.2f} of {whole_s:.2f} s" + (f", {self._speed}x" if self._speed else "")
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+TopSource = LiveSource | RecordedSource
+
+
+def source_of(opened: Feed | Recording) -> TopSource:
+    """Give the source of an opened feed or recording."""
+    return RecordedSource(opened) if isinstance(opened, Recording) else LiveSource(opened)

@@ -1,0 +1,9 @@
+"""`heronry web`: a page that shows a system as its snapshots (`heronry_tools.watch`) come, in a process of its own.
+
+    feed (manager, bus, log) ─► live or recording ─► changes ─► one stream for each open page
+    page ─► guard ─► questions ─► process of the planner         what if, why, what an order will cost
+                  └► orders ─► operator's socket, or demo        only with --operate and the token
+
+The page is hand-written HTML, CSS and JavaScript in `page/`. Nothing is fetched from another computer, and neither the
+manager nor an agent imports this package.
+"""

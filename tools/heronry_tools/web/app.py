@@ -1,0 +1,198 @@
+"""The web application: which address gives what. `guard` has decided before whether the request may come in."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from heronry_dg.model import Spec
+from heronry_tools.watch.snapshot import document
+from heronry_tools.web.facts import facts
+from heronry_tools.web.guard import Access, Guard
+from heronry_tools.web.live import Live
+from heronry_tools.web.orders import Orders
+from heronry_tools.web.picture import picture
+from heronry_tools.web.questions import Questions
+from heronry_tools.web.recording import Recording
+from heronry_tools.web.stream import live_stream, recorded_stream
+from heronry_wire.frame import LoggedFrame, format_log_line
+
+PAGE: Final = Path(__file__).parent / "page"
+_MOST_BYTES: Final = 65_536  # of a question or an order
+_LOOK_S: Final = 0.2
+_FASTEST: Final = 64.0
+_NO_STORE: Final = {"cache-control": "no-store"}
+_NOBODY_WAITS: Final = Response(status_code=499)
+
+T = TypeVar("T")
+
+
+@dataclass(eq=False)
+class Site:
+    """Everything that the pages of one system show."""
+
+    spec: Spec
+    shown: Live | Recording
+    questions: Questions
+    orders: Orders
+    access: Access
+    frames: Sequence[LoggedFrame] = ()  # of a recorded flight
+    pictures: dict[str, str] = field(default_factory=dict)  # by function; the empty one: of all
+    closing: asyncio.Event = field(default_factory=asyncio.Event)
+
+    @cached_property
+    def facts(self) -> dict[str, Any]:
+        """What pages know from the beginning."""
+        return {
+            **facts(self.spec),
+            "recorded": isinstance(self.shown, Recording),
+            "orders": self.orders.kinds() if self.access.operates else [],
+            "has_frames": bool(self.frames),
+        }
+
+    def picture(self, function: str) -> str:
+        """Give the drawing of what contributes to a function, or of the whole graph; each is made once."""
+        if function not in self.pictures:
+            self.pictures[function] = picture(self.spec, function or None)
+        return self.pictures[function]
+
+    async def page(self, _: Request) -> Response:
+        """Give the page."""
+        return FileResponse(PAGE / "index.html", headers={"cache-control": "no-cache"})
+
+    async def tell_facts(self, _: Request) -> Response:
+        """Give what the page knows of the spec and of this server."""
+        return JSONResponse(self.facts, headers=_NO_STORE)
+
+    async def draw(self, request: Request) -> Response:
+        """Give a drawing of the graph."""
+        function = request.query_params.get("function", "")
+        if function and function not in self.spec.functions:
+            return _refused(404, "the spec has no such function")
+        drawing = await asyncio.to_thread(self.picture, function)
+        return Response(drawing, media_type="image/svg+xml", headers=_NO_STORE)
+
+    async def snapshot(self, request: Request) -> Response:
+        """Give one snapshot as JSON: that of now, or of a moment of a recording."""
+        if isinstance(self.shown, Live):
+            return JSONResponse(document(self.shown.snapshot), headers=_NO_STORE)
+        at_ns = _number(request, "at_ns", self.shown.last_ns)
+        state = self.shown.after(self.shown.events_until(round(at_ns)))
+        return JSONResponse(document(state.snapshot), headers=_NO_STORE)
+
+    async def stream(self, request: Request) -> Response:
+        """Open the stream of a page."""
+        if isinstance(self.shown, Live):
+            lines = live_stream(self.shown, self.closing)
+        else:
+            from_ns = round(_number(request, "at_ns", self.shown.begin_ns))
+            speed = min(max(_number(request, "speed", 0.0), 0.0), _FASTEST)
+            lines = recorded_stream(self.shown, from_ns, speed, self.closing)
+        return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)
+
+    async def events(self, _: Request) -> Response:
+        """Give the events as a file of JSON lines."""
+        name = f"{self.spec.name}.events.jsonl"
+        text = "".join(f"{line}\n" for line in self.shown.lines())
+        head = {**_NO_STORE, "content-disposition": f'attachment; filename="{name}"'}
+        return Response(text, media_type="application/jsonl", headers=head)
+
+    async def candump(self, _: Request) -> Response:
+        """Give the frames as a candump log, where they are recorded."""
+        if not self.frames:
+            return _refused(404, "no frames are recorded here: 'heronry record' does that, and 'heronry demo --record'")
+        lines = (f"{format_log_line(frame)}\n" for frame in self.frames)
+        head = {**_NO_STORE, "content-disposition": f'attachment; filename="{self.spec.name}.log"'}
+        return StreamingResponse(lines, media_type="text/plain", headers=head)
+
+    async def ask(self, request: Request) -> Response:
+        """Ask the planner's process; a page that has gone away, or has asked something else, ends the search."""
+        question = await _json(request)
+        if question is None:
+            return _refused(400, "this is no question")
+        answer = await self._awaited(request, self.questions.ask(question))
+        return _NOBODY_WAITS if answer is None else JSONResponse(answer, headers=_NO_STORE)
+
+    async def _awaited(self, request: Request, working: Coroutine[Any, Any, T]) -> T | None:
+        """Wait for an answer; None, and an end of the work, where the page has gone away or the server ends."""
+        waiting = asyncio.create_task(working)
+        while not (await asyncio.wait({waiting}, timeout=_LOOK_S))[0]:
+            if self.closing.is_set() or await request.is_disconnected():
+                waiting.cancel()
+                return None
+        return waiting.result()
+
+    async def warm(self, _: Request) -> Response:
+        """Start the planner's process, since a question will come."""
+        await self.questions.warm()
+        return JSONResponse({"done": True}, headers=_NO_STORE)
+
+    async def order(self, request: Request) -> Response:
+        """Give an order."""
+        answer = await self._awaited(request, self.orders.give(await _json(request)))
+        if answer is None:
+            return _NOBODY_WAITS
+        return JSONResponse({"done": answer.done, "sentence": answer.sentence}, headers=_NO_STORE)
+
+
+def application(site: Site, begun: Callable[[], None] = lambda: None) -> Guard:
+    """Make the application; `begun` is called in its loop when it begins."""
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        begun()
+        yield
+        site.closing.set()
+        await site.questions.close()
+
+    routes = [
+        Route("/", site.page),
+        Mount("/page", StaticFiles(directory=PAGE)),
+        Route("/api/facts", site.tell_facts),
+        Route("/api/graph", site.draw),
+        Route("/api/snapshot", site.snapshot),
+        Route("/api/stream", site.stream),
+        Route("/api/events.jsonl", site.events),
+        Route("/api/flight.log", site.candump),
+        Route("/api/ask", site.ask, methods=["POST"]),
+        Route("/api/warm", site.warm, methods=["POST"]),
+        Route("/api/order", site.order, methods=["POST"]),
+    ]
+    return Guard(Starlette(routes=routes, lifespan=lifespan), site.access)
+
+
+async def _json(request: Request) -> dict[str, Any] | None:
+    """Read a question or an order; None where it is none."""
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > _MOST_BYTES:
+            return None
+    try:
+        read = json.loads(bytes(body))
+    except (ValueError, RecursionError):
+        return None
+    return read if isinstance(read, dict) else None
+
+
+def _number(request: Request, name: str, usual: float) -> float:
+    """Read a number from the address; what is no finite number counts as not given."""
+    try:
+        value = float(request.query_params.get(name, usual))
+    except ValueError:
+        return usual
+    return value if abs(value) < 1e30 else usual
+
+
+def _refused(code: int, sentence: str) -> Response:
+    return JSONResponse({"done": False, "sentence": sentence}, status_code=code, headers=_NO_STORE)

@@ -1,0 +1,90 @@
+"""The process that answers the questions of pages: what would be planned, and why a function is not served.
+
+    python -m heronry_tools.web.desk SPEC DIGEST           started by `questions`, which holds its standard input
+
+It has the solver and the spec in its memory. Questions come on standard input, answers go to standard output, one JSON
+object a line each, in order. It plans for nobody who flies, and ends, also in the middle of a search, when standard
+input closes.
+
+    {"ask": "plan", "down": ["pe:nav"], "limits": [], "phase": "glide", "priorities": []}
+    {"plan": {... as 'heronry plan --json'}, "graph": {... as in a snapshot}}
+    {"ask": "why", "function": "imaging", "down": [], "phase": null}
+    {"why": {... as 'heronry why --json'}}
+    {"refused": "no pe is named 'nap'; did you mean 'nav'?"}
+"""
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, BinaryIO
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.situation import checked_function, situation
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.explain import explained
+from heronry_tools.analysis.why.document import document as why_document
+from heronry_tools.analysis.why.reasons import explain
+from heronry_tools.watch.graph_marks import LiveGraphs
+from heronry_tools.web.changes import plain
+from heronry_wire.errors import HeronryError
+
+
+class Desk:
+    """Answers for one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec, self._graphs = spec, LiveGraphs(spec)
+
+    def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        """Answer a question; what it names is checked here."""
+        try:
+            match question:
+                case {"ask": "plan"}:
+                    return self._plan(question)
+                case {"ask": "why", "function": str(function)}:
+                    return self._why(function, question)
+                case _:
+                    return {"refused": "this is no question"}
+        except HeronryError as error:
+            return {"refused": str(error)}
+
+    def _plan(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        down, limits, priorities = (question.get(key) or () for key in ("down", "limits", "priorities"))
+        now = situation(self._spec, down, limits, question.get("phase"), priorities)
+        found = explained(self._spec, plan(self._spec, now))
+        return {"plan": found.document(), "graph": plain(self._graphs.graph(now, found.configuration))}
+
+    def _why(self, function: str, question: Mapping[str, Any]) -> dict[str, Any]:
+        now = situation(self._spec, question.get("down") or (), (), question.get("phase"))
+        one = self._spec.functions[checked_function(self._spec, function)]
+        return {"why": why_document(self._spec, explain(self._spec, now, one))}
+
+
+def main() -> None:
+    """Answer until standard input closes."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    spec = load(sys.argv[1])
+    changed = spec.digest != sys.argv[2]
+    lines: SimpleQueue[bytes] = SimpleQueue()
+    Thread(target=_read_lines, args=(sys.stdin.buffer, lines), daemon=True).start()
+    desk = Desk(spec)
+    while True:
+        question = json.loads(lines.get())
+        refused = {"refused": f"{sys.argv[1]} has changed since it was loaded: start 'heronry web' again"}
+        answers.write(json.dumps(refused if changed else desk.answer(question)).encode() + b"\n")
+        answers.flush()
+
+
+def _read_lines(source: BinaryIO, lines: "SimpleQueue[bytes]") -> None:
+    for line in source:
+        lines.put(line)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""What a page knows of the spec itself, beside the snapshot: names, kinds and needs, for details and choices."""
+
+from typing import Any
+
+from heronry_dg.gates import Expression, Gate, Leaf, fold, words
+from heronry_dg.model import Module, Spec
+from heronry_dg.situation import elements
+from heronry_tools.reports.render.build import accepted_versions
+from heronry_tools.web.picture import contributing, symbols
+
+
+def facts(spec: Spec) -> dict[str, Any]:
+    """Give the facts as plain data."""
+    return {
+        "name": spec.name,
+        "digest": spec.digest,
+        "phases": list(spec.phases),
+        "elements": list(elements(spec)),
+        "pes": {
+            pe.name: {"node_id": pe.node_id, "buses": list(pe.buses), "features": sorted(pe.features)}
+            for pe in spec.pes.values()
+        },
+        "buses": {bus.name: {"kind": bus.kind, "bit_rate": bus.bitrate} for bus in spec.buses.values()},
+        "devices": {device.name: {"kind": device.kind, "pe": device.pe} for device in spec.devices.values()},
+        "variables": {
+            variable.name: {
+                "versions": variable.versions,
+                "unit": variable.unit,
+                "given_by": [
+                    {"module": module.name, "mode": mode.name, "version": mode.gives[variable.name]}
+                    for module, mode in spec.producers(variable.name)
+                ],
+            }
+            for variable in spec.variables.values()
+        },
+        "demuxes": {
+            demux.name: {"variable": demux.variable, "branches": list(demux.branches)}
+            for demux in spec.demuxes.values()
+        },
+        "modules": {module.name: _module(spec, module) for module in spec.modules.values()},
+        "functions": {
+            function.name: {
+                "output": function.output,
+                "outputs": list(function.outputs),
+                "wanted_in": [phase for phase in (*spec.phases, None) if function.priority_in(phase)],
+            }
+            for function in spec.functions.values()
+        },
+        "symbols": symbols(spec),
+        "contributing": contributing(spec),
+    }
+
+
+def _module(spec: Spec, module: Module) -> dict[str, Any]:
+    return {
+        "device": module.device,
+        "runs_on": None if module.runs_on is None else list(module.runs_on),
+        "image": module.image,
+        "modes": [
+            {
+                "name": mode.name,
+                "needs": None if mode.needs is None else needs_text(spec, mode.needs),
+                "gives": dict(mode.gives),
+            }
+            for mode in module.modes.values()
+        ],
+    }
+
+
+def needs_text(spec: Spec, needs: Expression) -> str:
+    """Write a gate expression for a reader: `2 of (a, b, c)`."""
+
+    def leaf(one: Leaf, _path: str) -> str:
+        return f"{one.demux or one.variable}{accepted_versions(spec, one)}"
+
+    def gate(one: Gate, inputs: list[str]) -> str:
+        return f"{words(one).written}({', '.join(inputs)})"
+
+    return fold(needs, leaf, gate)

@@ -1,0 +1,157 @@
+"""Who may ask what: the one place that lets requests in, and that sets the security headers of every answer.
+
+A page of another site that is open in the same browser can send requests to this computer. It is kept out by three
+facts: its `Origin` is its own, the `Host` of a name that was bound to this address later (DNS rebinding) is not an
+address of this server, and the token is known to no other site. The token stands in the part of the printed address
+after `#`, which no browser sends: the page adds it to its requests as `Authorization: Bearer TOKEN`, and to the address
+of a download. No cookie exists that a browser would add by itself.
+
+    request                         a loopback address                any other address
+    page, style, scripts            no token                          no token: they say nothing of the system
+    reading, and questions          no token                          token
+    orders                          --operate and the token           --operate and the token
+"""
+
+import ipaddress
+import json
+import secrets
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import parse_qs
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HEADERS: Final[Mapping[str, str]] = {
+    "content-security-policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), geolocation=(), microphone=()",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+}
+_API: Final = "/api/"
+_ORDERS: Final = "/api/order"
+_LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Where the server listens, and what its pages may do."""
+
+    address: str  # an IP address
+    port: int
+    token: str
+    operates: bool = False
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this computer can reach the server."""
+        return ipaddress.ip_address(self.address).is_loopback
+
+    def knows_host(self, host: str) -> bool:
+        """Tell whether a `Host` is an address of this server; names are no addresses, but for this computer's own."""
+        name, _, port = host.rpartition(":")
+        if port != str(self.port) or not name:
+            return False
+        if self.is_local:
+            return name in _LOOPBACK_NAMES or name == self.address
+        return name in _LOOPBACK_NAMES or name == socket.gethostname() or _is_address(name)
+
+    def url(self, *, with_token: bool) -> str:
+        """Give the address to open in a browser."""
+        host = f"[{self.address}]" if ":" in self.address else self.address
+        if ipaddress.ip_address(self.address).is_unspecified:  # it listens on all
+            host = socket.gethostname()
+        return f"http://{host}:{self.port}/" + (f"#token={self.token}" if with_token else "")
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a request is not let in."""
+
+    code: int
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What counts of a request."""
+
+    method: str
+    path: str
+    headers: Mapping[str, str]  # names in small letters
+    query: str = ""
+
+
+def refusal(access: Access, asked: Asked) -> Refusal | None:
+    """Say why a request is not let in; None where it is."""
+    host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+    if not access.knows_host(host):
+        return Refusal(403, f"'{host}' is no address of this server: open {access.url(with_token=False)}")
+    if origin is not None and origin != f"http://{host}":
+        return Refusal(403, f"a page of {origin} must not ask this server")
+    if asked.method not in ("GET", "HEAD", "POST"):
+        return Refusal(405, f"{asked.method} is not understood here")
+    if asked.method == "POST":
+        if origin is None:
+            return Refusal(403, "a request that asks or orders something must name its Origin")
+        if asked.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+            return Refusal(415, "a request that asks or orders something must be JSON")
+    return _without_token(access, asked)
+
+
+def _without_token(access: Access, asked: Asked) -> Refusal | None:
+    is_order = asked.path == _ORDERS
+    if is_order and not access.operates:
+        return Refusal(403, "this server only shows: start it with --operate to give orders")
+    if not asked.path.startswith(_API) or (access.is_local and not is_order):
+        return None
+    given = asked.headers.get("authorization", "").removeprefix("Bearer ")
+    given = given or parse_qs(asked.query).get("token", [""])[0]
+    if secrets.compare_digest(given.encode(), access.token.encode()):
+        return None
+    return Refusal(401, "the token is missing or wrong: open the address that the server has printed, with its token")
+
+
+class Guard:
+    """The ASGI application around the other one."""
+
+    def __init__(self, inside: ASGIApp, access: Access) -> None:
+        self._inside, self._access = inside, access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request in, or answer it with the refusal."""
+        if scope["type"] != "http":
+            await self._inside(scope, receive, send)
+            return
+
+        async def sealed(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                own = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                message = {**message, "headers": [*message.get("headers", []), *own]}
+            await send(message)
+
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        asked = Asked(scope["method"], scope["path"], headers, scope["query_string"].decode("latin-1"))
+        refused = refusal(self._access, asked)
+        if refused is None:
+            await self._inside(scope, receive, sealed)
+            return
+        body = json.dumps({"done": False, "sentence": refused.sentence}).encode()
+        head = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+        await sealed({"type": "http.response.start", "status": refused.code, "headers": head})
+        await sealed({"type": "http.response.body", "body": body})

@@ -1,0 +1,102 @@
+"""The present state of a system that is watched: events come from a thread, and pages wait for what they change.
+
+One event loop owns the state, so nothing here is locked. A page that is slow misses intermediate states, and nothing
+else: it gets the difference between what it has and what is. What is kept is limited: the last lines of events for
+downloads, and the loads of the buses over the last minutes.
+"""
+
+import asyncio
+import json
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from heronry_tools.watch.reducer import Reducer, State
+from heronry_tools.watch.snapshot import Snapshot, Source
+
+KEPT_LINES: Final = 5_000
+KEPT_LOADS: Final = 600  # of each bus: ten minutes
+BY_THE_CLOCK: Final = frozenset({"bus_seen", "heard"})  # told also where nothing is heard any more
+NOT_LISTED: Final = frozenset({"bus_seen", "heard", "pe_seen", "feed", "status", "runs"})  # too many, or no events
+
+Event = Mapping[str, Any]
+Load = dict[str, Any]
+
+
+def load_of(number: int, event: Event) -> Load:
+    """Give the load that line `number` of a feed tells, as pages draw it."""
+    keys = ("bus", "load", "peak", "bits_per_s")
+    return {"number": number, "t_ns": event["t_ns"], **{key: event[key] for key in keys}}
+
+
+class Live:
+    """What is known now."""
+
+    def __init__(self, reducer: Reducer, source: Source) -> None:
+        self._reducer = reducer
+        self._state: State = reducer.start(source)
+        self._loads: deque[Load] = deque(maxlen=KEPT_LOADS * max(1, len(reducer.spec.buses)))
+        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
+        self._last_came_s = time.monotonic()
+        self._waiting: set[asyncio.Event] = set()
+        self.trouble: str | None = None  # why nothing comes at present
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What is known now."""
+        return self._state.snapshot
+
+    def age_s(self) -> float:
+        """Time since something came, in seconds."""
+        return time.monotonic() - self._last_came_s
+
+    def take_all(self, events: Iterable[Event], trouble: str | None, *, is_alive: bool) -> None:
+        """Take what a feed has given; trouble: why nothing comes. is_alive: what feeds it is well."""
+        if is_alive:
+            self._last_came_s = time.monotonic()
+        self.trouble = trouble
+        for event in events:
+            self.take(event)
+
+    def take(self, event: Event) -> None:
+        """Take the next event of the feed."""
+        self._state = self._reducer.after(self._state, event)
+        kind = event.get("event")
+        if kind not in BY_THE_CLOCK:
+            self._last_came_s = time.monotonic()
+        if kind == "bus_seen":
+            self._loads.append(load_of(self._state.snapshot.events, event))
+        if kind not in NOT_LISTED:
+            self._lines.append(json.dumps(event, separators=(",", ":")))
+        self._wake()
+
+    def waits(self, sentence: str) -> None:
+        """Note why nothing comes at present, or ever again."""
+        self.trouble = sentence
+        self._wake()
+
+    def loads(self, after: int) -> list[Load]:
+        """Give the loads that came after line `after` of the feed."""
+        return [load for load in self._loads if load["number"] > after]
+
+    def lines(self) -> Iterable[str]:
+        """Give the last events, a line of JSON each."""
+        return tuple(self._lines)
+
+    async def changed(self, longest_s: float) -> bool:
+        """Wait until something comes; False where nothing came in that time."""
+        woken = asyncio.Event()
+        self._waiting.add(woken)
+        try:
+            async with asyncio.timeout(longest_s):
+                await woken.wait()
+        except TimeoutError:
+            return False
+        finally:
+            self._waiting.discard(woken)
+        return True
+
+    def _wake(self) -> None:
+        for woken in self._waiting:
+            woken.set()

@@ -1,0 +1,102 @@
+"""What `heronry web` shows: a manager on this computer, a bus alone, or a recording; and the server for it."""
+
+import argparse
+import json
+import os
+import signal
+import socket
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.manager_argument import manager_socket
+from heronry_tools.console.spec_argument import load_spec_file, spec_path
+from heronry_tools.sim.replay.recorded_folder import head_of
+from heronry_tools.sim.scenario.script import read_script
+from heronry_tools.watch.live_feeds import FollowedManager
+from heronry_tools.watch.recordings import Recording as Recorded
+from heronry_tools.watch.reducer import Reducer
+from heronry_tools.watch.source_arguments import opened_source
+from heronry_tools.web.app import Site
+from heronry_tools.web.following import OpenFeed, read_in_thread
+from heronry_tools.web.live import Live
+from heronry_tools.web.orders import Orders
+from heronry_tools.web.questions import Questions
+from heronry_tools.web.recording import Recording
+from heronry_tools.web.serving import access, listening, serve
+from heronry_wire.frame import LoggedFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """What is shown, and where it comes from."""
+
+    spec: Spec
+    file: Path  # of the spec
+    shown: Live | Recording
+    feed: OpenFeed | None = None
+    manager: Path | None = None  # the socket that takes orders
+    frames: Sequence[LoggedFrame] = ()
+
+
+def serve_what(arguments: argparse.Namespace) -> None:
+    """Open what the arguments name, and serve it until a signal comes; raises UserError."""
+    opened = _opened(arguments)
+    if arguments.operate and opened.manager is None:
+        raise UserError("--operate: only a manager on this computer takes orders; leave --operate out")
+    demo = None if arguments.demo_orders is None else socket.socket(fileno=arguments.demo_orders)
+    listener = listening(arguments.listen, arguments.port)
+    to = access(listener, operates=arguments.operate)
+    questions, orders = Questions(opened.spec, opened.file), Orders(opened.manager, demo)
+    site = Site(opened.spec, opened.shown, questions, orders, to, opened.frames)
+    if arguments.until_eof:
+        threading.Thread(target=_end_with_input, daemon=True).start()
+
+    def begun() -> None:
+        address = to.url(with_token=arguments.operate or not to.is_local)
+        print(json.dumps({"address": address}) if arguments.json else f"{opened.spec.name}: {address}", flush=True)
+        if opened.feed is not None and isinstance(opened.shown, Live):
+            read_in_thread(opened.feed, opened.shown, opened.manager)
+
+    serve(site, listener, begun)
+
+
+def _opened(arguments: argparse.Namespace) -> Opened:
+    if arguments.demo_orders is not None:  # the manager of this demo starts later
+        return _demo(arguments)
+    source = opened_source(arguments)
+    if isinstance(source, Recorded):
+        shown = Recording(Reducer(source.spec), source.events, source.source)
+        return Opened(source.spec, _spec_file(arguments), shown, frames=source.frames)
+    live = Live(Reducer(source.spec), source.source)
+    if isinstance(source, FollowedManager):
+        assert source.spec_file is not None  # a manager tells it
+        return Opened(source.spec, source.spec_file, live, lambda: source, manager_socket(arguments))
+    return Opened(source.spec, spec_path(arguments.spec), live, lambda: source)
+
+
+def _demo(arguments: argparse.Namespace) -> Opened:
+    spec = load_spec_file(arguments.spec)
+    feed = partial(FollowedManager, arguments.socket)
+    return Opened(spec, spec_path(arguments.spec), Live(Reducer(spec), "manager"), feed, arguments.socket)
+
+
+def _spec_file(arguments: argparse.Namespace) -> Path:
+    """File of the spec of a recording, which the planner's process loads."""
+    if arguments.spec is not None:
+        return spec_path(arguments.spec)
+    if arguments.log.suffix == ".scenario":
+        return read_script(arguments.log).spec_file
+    folder = Path(arguments.log)
+    return folder / str(head_of(folder)["spec_file"])
+
+
+def _end_with_input() -> None:
+    """End this process in order when its standard input ends."""
+    while os.read(0, 4096):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -1,0 +1,75 @@
+"""Orders from pages: to the manager on its socket, and in a demo to the demo, which kills and restores processes.
+
+A page sends the first line, and gets the last. `do` is phase, fail or clear, and in a demo also kill or restore. The
+demo gets the second line, on the socket pair that it has handed over.
+
+    {"do": "fail", "what": "pe:nav"}
+    {"do": "kill", "what": "nav"}
+    {"done": true, "sentence": "..."}
+"""
+
+import asyncio
+import json
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_place import ControlError
+from heronry_manager.shell.control_protocol import Answer, Spoken
+from heronry_tools.web.following import standby_of
+
+_OF_A_MANAGER: Final[Mapping[str, type[EnterPhase | FailElement | ClearElement]]] = {
+    "phase": EnterPhase,
+    "fail": FailElement,
+    "clear": ClearElement,
+}
+OF_A_DEMO: Final = ("kill", "restore")
+_PATIENCE_S: Final = 10.0
+_LONGEST_ANSWER: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """Where orders go: the manager's socket, and the demo's, where there are such."""
+
+    manager: Path | None
+    demo: socket.socket | None = None
+
+    def kinds(self) -> list[str]:
+        """List the orders that can be given."""
+        return [
+            *(_OF_A_MANAGER if self.manager is not None else ()),
+            *(OF_A_DEMO if self.demo is not None else ()),
+        ]
+
+    async def give(self, order: object) -> Answer:
+        """Give an order; a refusal is an answer as well."""
+        match order:
+            case {"do": str(do), "what": str(what)} if do in self.kinds():
+                if do in OF_A_DEMO:
+                    return await asyncio.to_thread(self._to_demo, do, what)
+                return await asyncio.to_thread(self._to_manager, _OF_A_MANAGER[do](what))
+            case _:
+                known = ", ".join(self.kinds()) or "none"
+                return Answer(done=False, sentence=f"this is no order that can be given here; there is {known}")
+
+    def _to_manager(self, order: Spoken) -> Answer:
+        assert self.manager is not None
+        try:
+            return call(self.manager if self.manager.exists() else standby_of(self.manager), order)
+        except ControlError as error:
+            return Answer(done=False, sentence=str(error))
+
+    def _to_demo(self, do: str, what: str) -> Answer:
+        assert self.demo is not None
+        self.demo.settimeout(_PATIENCE_S)
+        try:
+            self.demo.sendall(json.dumps({"do": do, "what": what.removeprefix("pe:")}).encode() + b"\n")
+            answer: dict[str, Any] = json.loads(self.demo.recv(_LONGEST_ANSWER))
+        except (OSError, ValueError):
+            return Answer(done=False, sentence="the demo does not answer: has it ended?")
+        return Answer(done=bool(answer["done"]), sentence=str(answer["sentence"]))

@@ -1,0 +1,62 @@
+// What this page knows: the snapshot as the server has it, and the loads of the last minutes.
+
+const KEPT = { told: 500, reconfigurations: 100 };
+const KEPT_LOADS = 600;
+
+export const store = { facts: null, snapshot: null, loads: {}, recording: null, at_ns: null, plays: false };
+
+function addLoads(loads) {
+  for (const load of loads) {
+    const kept = (store.loads[load.bus] ??= []);
+    kept.push(load);
+    if (kept.length > KEPT_LOADS) kept.splice(0, kept.length - KEPT_LOADS);
+  }
+}
+
+export function takeWhole(data) {
+  store.snapshot = data.snapshot;
+  store.loads = {};
+  addLoads(data.loads);
+  store.recording = data.recording ?? null;
+  store.at_ns = data.at_ns ?? null;
+}
+
+export function takeChange(data) {
+  const snapshot = store.snapshot;
+  if (snapshot === null) return;
+  Object.assign(snapshot, data.set);
+  for (const [name, entries] of Object.entries(data.merge)) Object.assign(snapshot[name], entries);
+  for (const [part, entries] of Object.entries(data.graph)) Object.assign(snapshot.graph[part], entries);
+  for (const [name, most] of Object.entries(KEPT)) {
+    if (data[name]) snapshot[name] = numbered(snapshot[name], data[name], most);
+  }
+  addLoads(data.loads);
+}
+
+function numbered(known, changed, most) {
+  const all = new Map(known.map((one) => [one.number, one]));
+  for (const one of changed) all.set(one.number, one);
+  return [...all.values()].sort((a, b) => a.number - b.number).slice(-most);
+}
+
+export function stateOf(one) {
+  if (!one.wanted) return "idle";
+  if (one.served === null) return "idle";
+  if (!one.served) return "lost";
+  return one.degraded ? "degraded" : "served";
+}
+
+// The modules that have moved lately, with the PE that they came from: moves are shown as moves.
+const LATELY_NS = 20e9;
+
+export function lateMoves(snapshot) {
+  const moves = {};
+  for (const one of snapshot.reconfigurations) {
+    if (snapshot.t_ns - one.done_ns > LATELY_NS) continue;
+    for (const name of one.moved) {
+      const from = one.before[name], to = one.after[name];
+      if (from && to && from.pe !== to.pe) moves[name] = from.pe;
+    }
+  }
+  return moves;
+}

@@ -1,0 +1,88 @@
+"""Asks the desk (`desk`): one question at a time, and none that nobody waits for any more.
+
+A question that is cancelled ends the process, since a search cannot be interrupted; the next question starts another
+process, which takes a second or two to load the solver. A page that opens its what-if panel starts it early.
+"""
+
+import asyncio
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from heronry_dg.model import Spec
+
+_LONGEST_LINE: Final = 16 * 1024 * 1024
+_LAST_WORDS: Final = 4_096
+NICENESS: Final = 10  # what flies on this computer comes first
+
+
+class Questions:
+    """The pages' way to the desk of one spec."""
+
+    def __init__(self, spec: Spec, file: Path) -> None:
+        self._spec, self._file = spec, file
+        self._process: asyncio.subprocess.Process | None = None
+        self._turn = asyncio.Lock()
+
+    async def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        """Wait for the answer; a cancelled task ends the search."""
+        async with self._turn:
+            await self._start()
+            process = self._process
+            assert process is not None
+            assert process.stdin is not None
+            assert process.stdout is not None
+            try:
+                process.stdin.write(json.dumps(question).encode() + b"\n")
+                with suppress(ConnectionError):  # reading shows that the process has ended
+                    await process.stdin.drain()
+                line = await process.stdout.readline()
+            except asyncio.CancelledError:
+                await self._end()
+                raise
+            if line.endswith(b"\n"):
+                answer: dict[str, Any] = json.loads(line)
+                return answer
+            return {"refused": f"the planner's process has ended: {await self._last_words()}"}
+
+    async def warm(self) -> None:
+        """Start the process, so that the first question need not wait for it."""
+        async with self._turn:
+            await self._start()
+
+    async def close(self) -> None:
+        """End the process."""
+        await self._end()
+
+    async def _start(self) -> None:
+        if self._process is not None and self._process.returncode is None:
+            return
+        self._process = await asyncio.create_subprocess_exec(
+            *("nice", "-n", str(NICENESS), sys.executable, "-m", "heronry_tools.web.desk"),
+            *(str(self._file), self._spec.digest),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=_LONGEST_LINE,
+            process_group=0,
+        )
+
+    async def _last_words(self) -> str:
+        process = self._process
+        assert process is not None
+        assert process.stderr is not None
+        said = (await process.stderr.read(_LAST_WORDS)).decode(errors="replace").strip()
+        await self._end()
+        if "No module named 'ortools'" in said:
+            return 'ortools is not installed; add it with: pip install "heronry[manager]"'
+        return said.rpartition("\n")[2] or "it wrote no message"
+
+    async def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()

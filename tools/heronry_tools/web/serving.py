@@ -1,0 +1,83 @@
+"""Runs the server of the pages: the socket, the address that is printed, and the end on a signal.
+
+SIGINT and SIGTERM end it in order: every stream is closed, and the planner's process is ended.
+"""
+
+import asyncio
+import secrets
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import uvicorn
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.web.app import Site, application
+from heronry_tools.web.guard import Access
+
+USUAL_PORT: Final = 8321
+_LONGEST_END_S: Final = 2
+
+
+def listening(address: str, port: int | None) -> socket.socket:
+    """Open the socket, on an address or a name of this computer.
+
+    Without a port it is USUAL_PORT, or a free one where that is taken. Raises UserError.
+    """
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    for number in (USUAL_PORT, 0) if port is None else (port,):
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((address, number))
+        except OSError as error:
+            listener.close()
+            if port is None and number:
+                continue
+            raise UserError(f"--listen {address} --port {number}: {error.strerror}; name another one") from None
+        listener.listen(64)
+        return listener
+    raise AssertionError("unreachable: the kernel gives a free port, or an error")
+
+
+def access(listener: socket.socket, *, operates: bool) -> Access:
+    """Make the access for a server, with a token of its own."""
+    address, port = listener.getsockname()[:2]
+    return Access(address, port, secrets.token_urlsafe(24), operates)
+
+
+class _Server(uvicorn.Server):
+    """Ends on a signal without raising it again: a server that is stopped has done what it should."""
+
+    def __init__(self, config: uvicorn.Config, closing: asyncio.Event) -> None:
+        super().__init__(config)
+        self._closing = closing
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Take the signals as long as the server runs."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                loop.add_signal_handler(number, self.stop)
+        yield
+
+    def stop(self) -> None:
+        """End the server, and its streams first, so that it need not wait for them."""
+        self._closing.set()
+        self.should_exit = True
+
+
+def serve(site: Site, listener: socket.socket, begun: Callable[[], None]) -> None:
+    """Serve until a signal comes; `begun` is called in the loop when the server answers."""
+    config = uvicorn.Config(
+        application(site, begun),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=_LONGEST_END_S,
+        lifespan="on",
+    )
+    _Server(config, site.closing).run(sockets=[listener])

@@ -1,0 +1,79 @@
+"""The one stream of a page, as server-sent events.
+
+    event: whole     the snapshot, the loads of the last minutes, where a recording begins and ends
+    event: change    what is different since (`changes`)
+    event: beat      every second, whatever comes: how long nothing has come from the feed
+
+The first change is sent at once, and then at most ten a second. A page that hears no beat any more knows that the
+server itself is gone.
+"""
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator
+from typing import Any, Final
+
+from heronry_tools.watch.reducer import State
+from heronry_tools.watch.snapshot import Snapshot, document
+from heronry_tools.web.changes import change
+from heronry_tools.web.live import Live
+from heronry_tools.web.recording import Recording
+
+_BEAT_S: Final = 1.0
+_BETWEEN_S: Final = 0.1
+
+
+def sent(kind: str, data: Any) -> str:
+    """Write one server-sent event."""
+    return f"event: {kind}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
+
+
+def _whole(snapshot: Snapshot, loads: list[dict[str, Any]], **more: Any) -> str:
+    return sent("whole", {"snapshot": document(snapshot), "loads": loads, **more})
+
+
+def _changed(before: Snapshot, after: Snapshot, loads: list[dict[str, Any]]) -> str:
+    return sent("change", {**change(before, after), "loads": loads})
+
+
+async def live_stream(live: Live, closing: asyncio.Event) -> AsyncIterator[str]:
+    """Stream a system that is watched now."""
+    known = live.snapshot
+    yield _whole(known, live.loads(0))
+    yield _live_beat(live)
+    beat_s, told = time.monotonic(), live.trouble
+    while not closing.is_set():
+        await live.changed(max(0.01, _BEAT_S - (time.monotonic() - beat_s)))
+        now = live.snapshot
+        if now is not known:
+            yield _changed(known, now, live.loads(known.events))
+            known = now
+        if time.monotonic() - beat_s >= _BEAT_S or live.trouble != told:
+            beat_s, told = time.monotonic(), live.trouble
+            yield _live_beat(live)
+        await asyncio.sleep(_BETWEEN_S)
+
+
+def _live_beat(live: Live) -> str:
+    return sent("beat", {"age_s": round(live.age_s(), 1), "trouble": live.trouble})
+
+
+async def recorded_stream(
+    recording: Recording, from_ns: int, speed: float, closing: asyncio.Event
+) -> AsyncIterator[str]:
+    """Stream a recording from a moment on, at so many times its own speed; 0 shows that moment."""
+    begun_s, events = time.monotonic(), recording.events_until(from_ns)
+    state: State = recording.after(events)
+    span = {"first_ns": recording.first_ns, "last_ns": recording.last_ns, "marks": recording.marks}
+    yield _whole(state.snapshot, recording.loads(0, events), recording=span, at_ns=from_ns)
+    while not closing.is_set():
+        at_ns = min(from_ns + round((time.monotonic() - begun_s) * speed * 1e9), recording.last_ns)
+        now = recording.events_until(at_ns) if speed else events
+        if now > events:
+            later = recording.after(now, state)
+            yield _changed(state.snapshot, later.snapshot, recording.loads(events, now))
+            state, events = later, now
+        plays = speed > 0 and at_ns < recording.last_ns
+        yield sent("beat", {"age_s": 0, "trouble": None, "at_ns": at_ns, "plays": plays})
+        await asyncio.sleep(_BETWEEN_S if plays else _BEAT_S)
