@@ -78,6 +78,20 @@ def test_a_position_that_is_not_good_enough_refuses_the_landing_above_the_decisi
     assert commands.vertical_speed_m_per_s > 0.0
 
 
+def test_on_approach_it_waits_for_a_better_position_until_it_is_too_far():
+    management = FlightManagement()
+    for x_m, stage in [(-620.0, Stage.APPROACH), (-500.0, Stage.APPROACH), (-380.0, Stage.GO_AROUND)]:
+        management.step(Situation(x_m, 0.0, 45.0, 17.0, 0.0), mode="waiting")
+        assert management.stage is stage
+
+
+def test_a_position_that_becomes_good_enough_begins_the_glide_slope():
+    management = FlightManagement()
+    management.step(Situation(-520.0, 0.0, 45.0, 17.0, 0.0), mode="waiting")
+    management.step(Situation(-519.0, 0.0, 45.0, 17.0, 0.0), mode="precise")
+    assert management.stage is Stage.GLIDE_SLOPE
+
+
 def test_below_the_decision_height_the_landing_goes_on():
     management = FlightManagement()
     height_m = DECISION_M - 1.0

@@ -10,8 +10,9 @@
 - *flare*, from `FLARE_M`: throttle closed, a constant sink rate.
 
 What it decides depends on its mode, that is on what the plan could supply. In `precise` its position is good enough to
-land (version 1). In `forced` there is no better one, and it lands all the same. In `waiting` it does not descend below
-`DECISION_M` with a position that is not good enough: it goes around; below that height it is committed, and lands.
+land. In `forced` there is no better one, and it lands all the same. In `waiting` the position is not good enough: it
+stays level on approach until that changes, or until it is too far. On the glide slope it goes around, unless it is
+below `DECISION_M`: there it is committed, and lands.
 
 It does not know which sensor its position comes from. A restart loses the stage, which follows anew from height and
 position: one that begins below the decision height is committed as well.
@@ -52,6 +53,9 @@ class Stage(IntEnum):
     GO_AROUND = 5
 
 
+_LEVEL = (Stage.START, Stage.APPROACH)
+
+
 @dataclass(frozen=True, slots=True)
 class Situation:
     """What the flight management knows in one step; m, m/s; `headwind_m_per_s` 0 where unknown."""
@@ -87,11 +91,10 @@ class FlightManagement:
 
     def _next(self, now: Situation, mode: str) -> Stage:
         stage = self.stage
-        if stage is Stage.GO_AROUND:
-            return stage
-        may_land = mode != "waiting" or now.height_m < DECISION_M
-        if not may_land or self._is_too_long(now):
+        if stage is Stage.GO_AROUND or self._is_too_long(now):
             return Stage.GO_AROUND
+        if mode == "waiting" and now.height_m >= DECISION_M:
+            return Stage.APPROACH if stage in _LEVEL else Stage.GO_AROUND
         if stage is Stage.FLARE or now.height_m <= FLARE_M:
             return Stage.FLARE
         if stage is Stage.TRANSITION or now.height_m <= TRANSITION_M:
@@ -101,7 +104,7 @@ class FlightManagement:
         return Stage.APPROACH
 
     def _is_too_long(self, now: Situation) -> bool:
-        is_late = self.stage is Stage.START or (self.stage is Stage.GLIDE_SLOPE and now.height_m < DECISION_M)
+        is_late = self.stage in _LEVEL or (self.stage is Stage.GLIDE_SLOPE and now.height_m < DECISION_M)
         return is_late and _landing_point_m(now) > _LONGEST_M
 
     def _vertical_speed(self, now: Situation) -> float:
