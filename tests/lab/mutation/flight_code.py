@@ -20,9 +20,9 @@ CODEC = (
     "state_frames timing transmit_queue"
 )
 SHELL = (  # of the wire: the files that use sockets, interfaces and files, or a person's words
-    "__init__ arrival_times bus_arguments bus_opening can_interface clock_of_day command_parser eds interruption "
-    "key_file link ordinary_file python_can replicated_link runtime_folder service_manager slow_opening socketcand "
-    "spelling standstill"
+    "__init__ arrival_times bare_can bus_arguments bus_opening can_interface clock_of_day command_parser eds "
+    "interruption key_file link ordinary_file python_can replicated_link runtime_folder service_manager slow_opening "
+    "socketcand spelling standstill"
 )
 
 
