@@ -59,7 +59,7 @@ examples:
   heronry fly eav --runs 100 --one-fault --json        each seed draws a PE, the radio or a servo that fails
   heronry fly eav --report landing.html                one landing, with its pictures
   heronry fly eav --corrections-lost never --height-bias 4 --runs 60    how much error of height a landing stands
-  heronry fly big_blue --report flight.html            from the ground to the ground (an hour of flight; minutes)
+  heronry fly big_blue --report flight.html            from the ground to the ground (two hours; takes a while)
   heronry fly big_blue --phase glide --kill pe:nav@60  released at 2 km; a PE dies after a minute
 """
 

@@ -33,7 +33,7 @@ class GliderMission:
     blows: tuple[Blow, ...] = ()
     acts: tuple[Fault, ...] = ()
     judged: bool = False
-    longest_s: float = 6_000.0
+    longest_s: float = 9_000.0
 
     def wind(self) -> Wind:
         """Give the wind that the seed draws: from the west aloft, from anywhere near it on the ground."""
