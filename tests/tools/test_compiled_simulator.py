@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import heronry_tools
 import heronry_wire
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.compiled import machine_code as compiled
@@ -41,6 +42,14 @@ def told(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def test_every_file_that_is_compiled_is_there() -> None:
     roots = {package.__name__: Path(package.__path__[0]) for package in compiled._PACKAGES}
     assert [file for file in sources() if not (roots[file.parts[0]].parent / file).is_file()] == []
+
+
+def test_every_oracle_is_compiled_since_its_base_is() -> None:
+    folder = Path("heronry_tools/sim/oracles")
+    root = Path(heronry_tools.__path__[0]).parent
+    oracles = {folder / file.name for file in (root / folder).glob("*.py") if "(Oracle)" in file.read_text()}
+    assert oracles
+    assert oracles <= set(sources())
 
 
 @needs_compiler

@@ -10,6 +10,7 @@ import pytest
 from heronry_tools.sim.compiled.native_classes import with_native_classes
 
 SOURCE = '''
+from collections import deque
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
@@ -25,6 +26,7 @@ class Tag:
 @dataclass(slots=True, eq=False)
 class Crate:
     things: list[int] = field(default_factory=list)
+    few: deque[int] = field(default_factory=lambda: deque(maxlen=2), init=False)
     lid: bool = field(default=True, init=False)
     weight: int = field(default=0, repr=False)
     most: ClassVar[int] = 7

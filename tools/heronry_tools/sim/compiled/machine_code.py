@@ -57,10 +57,10 @@ _COMPILED = {
     "heronry_tools.aircraft.plant": "devices flight interface mechanism noise world",
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
-    "heronry_tools.sim.oracles": "authenticity blame channels checks commanded configurations end_state epochs "
-    "exclusion frames freshness journal known liveness load oracle orphans phase planned_load priorities "
-    "proven_commands proven_states publishing queues radio registry active_term safe_mode scripts service silence "
-    "solitude terms transitions violation",
+    "heronry_tools.sim.oracles": "authenticity availability blame channels checks commanded configurations end_state "
+    "epochs exclusion frames freshness journal known liveness load oracle orphans phase places planned_load priorities "
+    "progress proven_commands proven_states publishing queues radio registry active_term safe_mode scripts service "
+    "silence solitude terms transitions violation",
     "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
     "plant_view simulated_manager simulated_pe station steps_seen",
 }

@@ -29,6 +29,7 @@ import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
+_LAMBDA = "lambda: "  # of a factory: its body makes the value
 _CONSTANT = re.compile("_?[A-Z][A-Z0-9_]+")
 _DATACLASS = "import dataclasses as _dataclasses\nimport typing as _typing\n{}@_dataclasses.dataclass({})"
 _ATTRIBUTE = "import mypy_extensions as _mypy\n@_mypy.mypyc_attr({})"
@@ -58,7 +59,7 @@ class _Field:
         """The statement by which the constructor sets the field."""
         if self.factory is None:
             return f"self.{self.name} = {self.name if self.is_given else self.default}"
-        made = f"{self.factory}()"
+        made = self.factory.removeprefix(_LAMBDA) if self.factory.startswith(_LAMBDA) else f"{self.factory}()"
         return f"self.{self.name} = " + (f"{made} if {self.name} is None else {self.name}" if self.is_given else made)
 
 
