@@ -183,7 +183,7 @@ def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
 ) -> None:
     """While an attacker without it forges commands and reports, and repeats true commands; one report is true."""
     simulation = keyed_flight(
-        "0 attack bus:can0 for 2", "0.3 raise module:servo_driver_1", "1 crash pe:tail_pe for 0.4"
+        "0 attack bus:can0 for 2", "0.3 raise module:servo_driver_1", "1.03 crash pe:tail_pe for 0.4"
     )
     code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
     assert code == 0

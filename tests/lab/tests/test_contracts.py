@@ -38,6 +38,13 @@ BREACHES = {
     (
         "Packages of the simulator: scenarios and replays above flights, flights above oracles, faults and the world"
     ): Breach("tools/heronry_tools/sim/world", "heronry_tools.sim.faults.fault"),
+    "Flights stand above all that flies: nothing below knows them or their flight dynamics": Breach(
+        "tools/heronry_tools/sim/world", "heronry_tools.fly.record"
+    ),
+    "The avionics of flights run on PEs: they know the agent's API alone": Breach(
+        "tools/heronry_tools/fly/avionics", "heronry_dg.model"
+    ),
+    "Only the pages need a web server": Breach("tools/heronry_tools/runtime", "starlette"),
     "The agent's shell may import its core, and the core no shell": Breach(
         "pe_agent/heronry_agent/core", "heronry_agent.shell.devices"
     ),
