@@ -162,7 +162,9 @@ class TopApp(App[None]):
             self.query_one(f"#{name}-box").display = is_large or number == self._tab
 
     def paint(self) -> None:
-        """Write the panels."""
+        """Write the panels, if they are there: a timer may call before they are mounted, and when the program ends."""
+        if not self.query("#modules"):
+            return
         view, width = self.snapshot(), self.size.width
         self.repaints += 1
         look = self.look = self._selected(view)
