@@ -213,3 +213,22 @@ def test_a_real_run_in_a_pseudo_terminal(tmp_path: Path) -> None:
     assert process.wait(timeout=30) == 0
     assert b"Traceback" not in seen
     os.close(ours)
+
+
+def test_it_ends_with_its_terminal(tmp_path: Path) -> None:
+    log = tmp_path / "events.jsonl"
+    log.write_text("".join(to_line(one) + "\n" for one in ALL))
+    ours, theirs = pty.openpty()
+    typed = [sys.executable, "-m", "heronry_tools", "top", "--log", str(log), "big_blue"]
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "80", "LINES": "24"}
+    process = subprocess.Popen(typed, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
+    os.close(theirs)
+    seen = b""
+    while b"big_blue" not in seen:
+        assert select.select([ours], [], [], 60)[0]
+        seen += os.read(ours, 1 << 16)
+    os.close(ours)
+    try:
+        process.wait(timeout=30)
+    finally:
+        process.kill()

@@ -5,6 +5,7 @@ has changed, so that a slow line (SSH) carries little.
 """
 
 import asyncio
+import os
 from typing import Any, ClassVar
 
 from rich.text import Text
@@ -20,6 +21,7 @@ from heronry_tools.watch.top.panels import Look, joined
 from heronry_tools.watch.top.sources import RecordedSource, TopSource
 
 REPAINT_S = 0.5
+_STANDARD_INPUT = 0
 _LOOK_S = 0.1  # the longest time for which a feed is not looked at
 _STEP_NS = 1_000_000_000
 _MOST_EVENTS = 200
@@ -147,7 +149,13 @@ class TopApp(App[None]):
         return self.source.snapshot() if self._frozen is None else self._frozen
 
     def _take(self) -> None:
-        """Take what has come, and wait on what the source reads from now: a manager that ends is not waited on."""
+        """Take what has come, and wait on what the source reads from now: a manager that ends is not waited on.
+
+        A terminal that has closed can be read without end and says nothing: then the program ends.
+        """
+        if not (self.is_headless or os.isatty(_STANDARD_INPUT)):
+            self.exit()
+            return
         self.source.look()
         loop, readers = asyncio.get_running_loop(), set(map(_fileno, self.source.readers()))
         for fileno in self._waits_on - readers:
