@@ -98,7 +98,7 @@ class FaultCode(IntEnum):
     CHANNEL_BACK = 0xFF0A  # the channel carries frames again
     DISAGREEMENT = 0xFF0B  # not a fault: two inputs of this module differ, and neither is known to be wrong
     UNKNOWN_ELEMENT = 0xFF0C  # not a fault: this module has reported an element that the spec does not have
-    UNKNOWN_OUTPUT = 0xFF0D  # a module has given an output that no mode has, in place of one of its mode
+    UNKNOWN_OUTPUT = 0xFF0D  # not a fault: this module gives a misspelt output, so that one of its mode is lacking
     PHASE_REQUEST = 0xFF10  # not a fault: a module, or the `when` rule of a phase, requests a mission phase
     PRIORITY_REQUEST = 0xFF11  # not a fault: a module requests another priority of a function
 

@@ -47,3 +47,12 @@ def test_a_report_of_an_unknown_element_names_the_module_that_made_it() -> None:
     assert manager.of("agreement") == []
     manager.report("left", Emergency(FaultCode.UNKNOWN_ELEMENT, 0, ElementKind.MODULE, CONTROL, 7))
     assert len(manager.of("unknown_element")) == 2
+
+
+def test_a_misspelt_output_names_its_module_and_fails_nothing() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.report("left", Emergency(FaultCode.UNKNOWN_OUTPUT, 0, ElementKind.MODULE, CONTROL, 0))
+    (told,) = manager.of("unknown_output")
+    assert (told["module"], told["by"]) == ("control", "left")
+    assert manager.of("fault_reported") == []

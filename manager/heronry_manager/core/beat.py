@@ -53,6 +53,7 @@ class Beat:
         known.situation.channels.beat()
         known.situation.disagreements.beat()
         known.situation.unknown_reports.beat()
+        known.situation.unknown_outputs.beat()
         known.situation.suspicions.beat()
         suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()

@@ -36,6 +36,7 @@ KINDS: Mapping[str, str] = {
     "suspicion": "element, by, evidence: a module reports a PE or a bus as faulty; evidence: what the manager knows",
     "suspicion_assessed": "element, found: what followed from a suspicion",
     "unknown_element": "module, by, detail: the module has reported an element that the spec does not have",
+    "unknown_output": "module, by: the module gives a misspelt output in place of one that the spec lets it give",
     "disagreement": "module, by, detail: two inputs of this module differ, and neither is known to be wrong",
     "agreement": "module, by: this disagreement is over",
     "priority_changed": "function, priority, before, by: the operator or a module did it; 'default': the spec's value",

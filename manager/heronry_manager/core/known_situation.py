@@ -42,7 +42,7 @@ from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, Latche
 from heronry_manager.core.lost_channels import LostChannels
 from heronry_manager.core.memory import Cleared, Latched, PhaseEntered, PhaseRequest, Released
 from heronry_manager.core.mission_phase import MissionPhase
-from heronry_manager.core.module_notices import Disagreements, UnknownReports
+from heronry_manager.core.module_notices import Disagreements, UnknownOutputs, UnknownReports
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
 from heronry_manager.core.suspicions import Suspicions
@@ -118,6 +118,7 @@ class KnownSituation:
         self.channels = LostChannels(spec, turn)
         self.disagreements = Disagreements(spec, turn)
         self.unknown_reports = UnknownReports(spec, turn)
+        self.unknown_outputs = UnknownOutputs(spec, turn)
         self.suspicions = Suspicions(spec, turn, health)
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"

@@ -1,7 +1,7 @@
-"""Notices of modules that are not faults: two inputs of a module disagree, or it reports an element that is unknown.
+"""Notices of modules that are not faults: inputs disagree, a report names an unknown element, an output is misspelt.
 
-    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT or UNKNOWN_ELEMENT), within the last
-            CHANNEL_FORGOTTEN_NS
+    told    the PE of the module has sent the notice (EMCY, DISAGREEMENT, UNKNOWN_ELEMENT or UNKNOWN_OUTPUT), within the
+            last CHANNEL_FORGOTTEN_NS
     over    the PE has not sent it for that long
 
 No plan changes. An event reports when a notice begins, and when a disagreement is over; `heronry status` lists the
@@ -68,3 +68,10 @@ class UnknownReports(ModuleNotices):
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit("unknown_element", module=module, by=by, detail=detail)
+
+
+class UnknownOutputs(ModuleNotices):
+    """Modules that give a misspelt output."""
+
+    def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
+        self._turn.emit("unknown_output", module=module, by=by)

@@ -95,6 +95,7 @@ class PeReports:
         notices = {
             FaultCode.DISAGREEMENT: situation.disagreements,
             FaultCode.UNKNOWN_ELEMENT: situation.unknown_reports,
+            FaultCode.UNKNOWN_OUTPUT: situation.unknown_outputs,
         }.get(emergency.code)
         if notices is not None:
             notices.reported(pe, emergency)

@@ -37,7 +37,7 @@ from heronry_agent.core.restarts import Restarts
 from heronry_agent.core.schedule import Schedule
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_agent.core.unknown_outputs import UnknownOutputError, expect_outputs
+from heronry_agent.core.unknown_outputs import misspelt_output
 from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
@@ -174,14 +174,12 @@ class RunningModules:
             self._request_phase(running, phase)
         for function, priority in event.priorities:
             self._request_priority(running, function, priority)
+        self._look_for_misspelt(running, event.outputs)
         try:
-            expect_outputs(running.entry, running.gives, event.outputs)
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
         except WireError as error:
             self._failed(event.module, Failure(str(error)))
-        except UnknownOutputError as error:
-            self._failed(event.module, Failure(str(error)), FaultCode.UNKNOWN_OUTPUT)
         else:
             if self.schedule.overruns_now(event.module):
                 self._give_up(event.module, Failure("it takes longer than its period"), FaultCode.MODULE_OVERRUN)
@@ -442,6 +440,11 @@ class RunningModules:
         self._noticed_ns[index, code] = now_ns
         self._tell([Frame(emcy_id(self._index.node), Emergency(code, 0, ElementKind.MODULE, index, detail).encode())])
         return True
+
+    def _look_for_misspelt(self, running: _Running, outputs: Collection[str]) -> None:
+        found = misspelt_output(running.entry, running.gives, outputs)
+        if found is not None and self._notice(running, FaultCode.UNKNOWN_OUTPUT, 0):
+            self._turn.note("fault", f"module {running.entry.name} gives '{found[0]}'; did you mean '{found[1]}'?")
 
     def _report(self, running: _Running, element: str, detail: int) -> None:
         if element == DISAGREEMENT:

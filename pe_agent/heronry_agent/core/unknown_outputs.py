@@ -1,28 +1,27 @@
-"""Finds misspelt outputs: a step gives a name that no mode of the module has, in place of an output of its mode.
+"""Finds misspelt outputs: a step gives a name that is like an output of the module's mode, and lacks that output.
 
-The agent cannot publish such a value. If the agent only dropped it, the module would count as running, and its function
-as served, while its readers never get the datum. So the module has failed, and the sentence names what it may give.
-Code may compute more than a spec takes from it, and need not give every output in every step. So a name is misspelt
-only if it is like an output of the mode that the step lacks, or if the step gives no output of the mode at all.
+The agent cannot publish such a value. The module counts as running, and its function as served, while its readers never
+get the datum. So the agent tells its manager once a second (a notice, no fault), and its log names what was meant. Code
+may compute more than a spec takes from it, and need not give every output in every step; so nothing is told of a name
+that is like no output that is lacking.
 """
 
 from collections.abc import Collection
 
-from heronry_wire.errors import HeronryError
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.spelling import close
 
-
-class UnknownOutputError(HeronryError, LookupError):
-    """A module gave an output that none of its modes has; the message names the outputs that it may give."""
+_LIKENESS = 0.8
 
 
-def expect_outputs(entry: ModuleEntry, of_mode: Collection[str], given: Collection[str]) -> None:
-    """Compare what a step has given with the outputs of its mode; raises UnknownOutputError for a misspelt one."""
-    known = list(dict.fromkeys(name for mode in entry.modes for name in mode.gives))
+def misspelt_output(entry: ModuleEntry, of_mode: Collection[str], given: Collection[str]) -> tuple[str, str] | None:
+    """Give a misspelt variable of a step, and the output of its mode that was meant; None if no variable is misspelt.
+
+    of_mode: the outputs of the present mode. given: what the step gives.
+    """
     lacking = [name for name in of_mode if name not in given]
-    for unknown in (name for name in given if name not in known):
-        meant = close(unknown, lacking)
-        if meant or (lacking and len(lacking) == len(of_mode)):
-            guess = f"; did you mean '{meant}'?" if meant else ""
-            raise UnknownOutputError(f"its step gives '{unknown}'{guess} (the spec lets it give {', '.join(known)})")
+    if not lacking:
+        return None
+    known = {name for mode in entry.modes for name in mode.gives}
+    pairs = ((name, close(name, lacking, _LIKENESS)) for name in given if name not in known)
+    return next(((name, meant) for name, meant in pairs if meant is not None), None)

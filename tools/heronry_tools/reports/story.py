@@ -52,6 +52,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "suspicion": ("{element} is suspected by a module on {by}: {evidence}", "quiet"),
     "suspicion_assessed": ("{element} was suspected: {found}", "quiet"),
     "unknown_element": ("module:{module} on {by} reports an element that the spec does not have", "bad"),
+    "unknown_output": ("module:{module} on {by} gives a misspelt output: the log of its agent names it", "bad"),
     "disagreement": ("two inputs of module:{module} disagree (detail {detail}), reported by {by}", "bad"),
     "agreement": ("the inputs of module:{module} agree again", "good"),
     "priority_changed": ("PRIORITY of {function}: {priority} (was {before}), requested by {by}", "title"),

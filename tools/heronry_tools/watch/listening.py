@@ -35,7 +35,7 @@ Event = Mapping[str, Any]
 _TOLD = frozenset(
     {"pe_suspected", "pe_answered", "pe_lost", "pe_absent", "pe_heard_again", "pe_joined", "fault_reported"}
     | {"fault_cleared", "link_limited", "link_gone", "link_back", "channel_lost", "channel_back", "phase_changed"}
-    | {"priority_changed", "module_restarted", "disagreement", "agreement", "unknown_element"}
+    | {"priority_changed", "module_restarted", "disagreement", "agreement", "unknown_element", "unknown_output"}
 )
 _COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
 _TELL_NS = SLOT_NS * TELL_SLOTS

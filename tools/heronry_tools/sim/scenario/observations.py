@@ -22,6 +22,7 @@ _REPORTS_NO_FAULT = (
     FaultCode.PRIORITY_REQUEST,
     FaultCode.DISAGREEMENT,
     FaultCode.UNKNOWN_ELEMENT,
+    FaultCode.UNKNOWN_OUTPUT,
     FaultCode.MODULE_RESTARTED,
     FaultCode.CHANNEL_BACK,
 )

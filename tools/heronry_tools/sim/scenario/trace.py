@@ -32,6 +32,7 @@ _LINES: Mapping[str, str] = {
     "suspicion": "{element} is suspected by a module on {by}: {evidence}",
     "suspicion_assessed": "{element} was suspected: {found}",
     "unknown_element": "module:{module} on {by} reports an element that the spec does not have",
+    "unknown_output": "module:{module} on {by} gives a misspelt output: the log of its agent names it",
     "disagreement": "two inputs of module:{module} disagree, reported by {by}",
     "agreement": "the inputs of module:{module} agree again",
     "priority_changed": "priority {priority} of {function}, requested by {by}",
