@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.oracles.scripts import ANNOUNCED_WITHIN_NS, ScriptCheck
+from heronry_tools.sim.oracles.scripts import ANNOUNCED_WITHIN_NS, ON_ITS_WAY_NS, ScriptCheck
 from heronry_tools.sim.scenario.in_simulator import fly
 from heronry_tools.sim.scenario.script import read_script
 from heronry_wire.management import Control, ElementKind, Operation
@@ -17,20 +17,29 @@ HELD = Control(3, 0, Operation.HOLDS, ElementKind.SCRIPT, 0)
 def test_a_script_is_held_where_it_was_ordered_until_it_is_released() -> None:
     check = ScriptCheck()
     assert not check.is_held(0)
-    check.script_ordered(3)
+    check.script_ordered(0, 3)
     check.commanded(10, "manager", HELD)
     check.commanded(11, "manager", Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0))
     assert check.is_held(10 + ANNOUNCED_WITHIN_NS - 1)
     assert not check.is_held(10 + ANNOUNCED_WITHIN_NS)
-    check.script_ordered(None)
+    check.script_ordered(20, None)
+    check.commanded(20 + ON_ITS_WAY_NS - 1, "manager", HELD)  # it was queued before the release
     assert not check.is_held(11)
     assert check.violations == []
+
+
+def test_an_announcement_long_after_the_release_is_a_violation() -> None:
+    check = ScriptCheck()
+    check.script_ordered(0, 3)
+    check.script_ordered(20, None)
+    check.commanded(20 + ON_ITS_WAY_NS, "manager", HELD)
+    assert len(check.violations) == 1
 
 
 @pytest.mark.parametrize("term", [None, 2])
 def test_an_announcement_without_an_order_in_its_term_is_a_violation(term: int | None) -> None:
     check = ScriptCheck()
-    check.script_ordered(term)
+    check.script_ordered(0, term)
     check.commanded(10, "manager", HELD)
     assert [one.story for one in check.violations] == ["manager announces a script in term 3, which holds none"]
 

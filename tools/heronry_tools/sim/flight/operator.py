@@ -66,7 +66,7 @@ class Operator:
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
         elif isinstance(order, FlyScript | ReleaseTarget):
-            self._checks.script_ordered(term if isinstance(order, FlyScript) else None)
+            self._checks.script_ordered(self._clock.now_ns, term if isinstance(order, FlyScript) else None)
         elif isinstance(order, EnterPhase):
             self._checks.ordered(self._clock.now_ns, order.phase, term)
         elif isinstance(order, SetPriority):

@@ -129,10 +129,10 @@ class Checks:
         for oracle in self._oracles:
             oracle.set_priority(t_ns, function, priority)
 
-    def script_ordered(self, term: int | None) -> None:
+    def script_ordered(self, t_ns: int, term: int | None) -> None:
         """The operator has ordered a script, and a manager has accepted it in this term; None: a release."""
         for oracle in self._oracles:
-            oracle.script_ordered(term)
+            oracle.script_ordered(t_ns, term)
 
     def declared(self, t_ns: int, element: str) -> None:
         """The operator has declared that an element has failed, and a manager now plans without the element."""

@@ -143,7 +143,7 @@ class Oracle:
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
         """The operator has ordered a priority (None: that of the spec), and the manager has accepted the order."""
 
-    def script_ordered(self, term: int | None) -> None:
+    def script_ordered(self, t_ns: int, term: int | None) -> None:
         """The operator has ordered a script, and a manager has accepted it in this term; None: a release."""
 
     def failed(self, t_ns: int, element: str) -> None:

@@ -9,6 +9,7 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import Control, ElementKind, ManagementMessage, Operation
 
 ANNOUNCED_WITHIN_NS = 2_000_000_000
+ON_ITS_WAY_NS = 100_000_000  # an announcement that was queued before the release
 
 
 class ScriptCheck(Oracle):
@@ -17,10 +18,14 @@ class ScriptCheck(Oracle):
     def __init__(self) -> None:
         super().__init__()
         self._ordered_in: int | None = None  # the term that took the last script, unless it was released
+        self._released: tuple[int, int] = (0, 0)  # the term in which the last script was released, and until when an
+        # announcement of it may be on its way
         self._told_ns: int | None = None
 
-    def script_ordered(self, term: int | None) -> None:
+    def script_ordered(self, t_ns: int, term: int | None) -> None:
         """Note that a manager has accepted a script in this term; None: a release."""
+        if term is None and self._ordered_in is not None:
+            self._released = self._ordered_in, t_ns + ON_ITS_WAY_NS
         self._ordered_in = term
         if term is None:
             self._told_ns = None
@@ -30,6 +35,10 @@ class ScriptCheck(Oracle):
         match message:
             case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if term == self._ordered_in:
                 self._told_ns = t_ns
+            case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT) if (
+                term == self._released[0] and t_ns < self._released[1]
+            ):
+                pass
             case Control(term, _, Operation.HOLDS, ElementKind.SCRIPT):
                 story = f"{station} announces a script in term {term}, which holds none"
                 self.violations.append(Violation(t_ns, "script", story))
