@@ -25,6 +25,11 @@ def example_specs() -> tuple[Path, ...]:
     return tuple(sorted(folder.glob(f"*{SUFFIX}")))
 
 
+def flight_specs() -> tuple[Path, ...]:
+    """Files of the specs of aircraft in a flight dynamics model, sorted."""
+    return tuple(sorted(path for folder in _FLIGHTS for path in folder.glob(f"*{SUFFIX}")))
+
+
 def shipped_spec_path(name: str) -> Path:
     """Give the file of a shipped spec, or of one that `heronry fly` flies; raises UnknownSpecError."""
     found = (path for folder in (*_FOLDERS, *_FLIGHTS) if (path := folder / f"{name}{SUFFIX}").is_file())

@@ -44,6 +44,11 @@ def test_every_file_that_is_compiled_is_there() -> None:
     assert [file for file in sources() if not (roots[file.parts[0]].parent / file).is_file()] == []
 
 
+def test_every_shipped_spec_is_in_the_copy() -> None:
+    specs = {name for name, _ in compiled._copied() if name.endswith(".dg.yaml")}
+    assert {"heronry_dg/specs/big_blue.dg.yaml", "heronry_dg/specs/flights/eav.dg.yaml"} <= specs
+
+
 def test_every_oracle_is_compiled_since_its_base_is() -> None:
     folder = Path("heronry_tools/sim/oracles")
     root = Path(heronry_tools.__path__[0]).parent

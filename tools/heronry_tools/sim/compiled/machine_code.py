@@ -30,7 +30,7 @@ import heronry_manager
 import heronry_tools
 import heronry_wire
 from heronry_dg.loader import SUFFIX
-from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
+from heronry_dg.shipped import example_specs, flight_specs, shipped_spec_names, shipped_spec_path
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.user_cache import digest_of, user_cache
@@ -201,6 +201,8 @@ def _copied() -> Iterator[tuple[str, Path]]:
         yield f"heronry_dg/specs/{name}{SUFFIX}", shipped_spec_path(name)
     for file in example_specs():
         yield f"heronry_dg/specs/examples/{file.name}", file
+    for file in flight_specs():
+        yield f"heronry_dg/specs/flights/{file.name}", file
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
