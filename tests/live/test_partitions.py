@@ -302,7 +302,7 @@ def test_code_that_is_not_there_is_reported(hosted: Hosted) -> None:
 def test_others_are_warmed_up_when_the_pe_is_at_work(hosted: Hosted) -> None:
     hosted.start(CONTROL)
     hosted.demand(CONTROL)
-    assert hosted.pids().keys() == {"bad"}
+    assert "bad" in hosted.pids()  # the other one may have been warmed up by now
     end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
     while hosted.pids().keys() != {"bad", "good"} and time.monotonic_ns() < end_ns:
         hosted.host.flush(time.monotonic_ns())
