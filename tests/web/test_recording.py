@@ -24,7 +24,7 @@ def recording(reducer):
 
 def test_the_state_at_any_event_is_that_of_all_before_it(reducer, recording):
     events = list(flown()) * 4
-    for number in (0, 1, 57, 199, 200, 201, len(events)):
+    for number in (0, 1, 57, 199, 200, 201, 255, 256, 257, len(events)):
         assert recording.after(number).snapshot == reducer.all(events[:number], reducer.start("log")).snapshot
 
 
@@ -36,7 +36,7 @@ def test_going_on_from_a_known_state_gives_the_same(recording):
 
 def test_times_do_not_fall(recording):
     assert recording.times_ns == sorted(recording.times_ns)
-    assert recording.events_until(recording.last_ns) == len(recording.times_ns)
+    assert recording.events_until(recording.ends_ns) == len(recording.times_ns)
 
 
 def test_loads_are_those_between_two_events(recording):
@@ -47,7 +47,7 @@ def test_loads_are_those_between_two_events(recording):
 
 def test_a_recording_of_nothing_shows_nothing(reducer):
     empty = Recording(reducer, [], "log")
-    assert (empty.first_ns, empty.last_ns, empty.begin_ns, empty.marks) == (0, 0, 0, [])
+    assert (empty.begins_ns, empty.ends_ns, empty.first_configuration_ns, empty.marks) == (0, 0, 0, [])
 
 
 def test_the_file_of_events_leaves_observations_out(recording):
@@ -79,7 +79,7 @@ def test_a_page_gets_the_moment_that_it_asked_for(recording):
 
 
 def test_a_recording_that_plays_sends_what_comes(recording):
-    stream = recorded_stream(recording, recording.first_ns, 64.0, asyncio.Event())
+    stream = recorded_stream(recording, recording.begins_ns, 64.0, asyncio.Event())
     kinds = [parsed(one)[0] for one in first_sent(stream, 8)]
     assert kinds[0] == "whole"
     assert "change" in kinds

@@ -1,4 +1,8 @@
-"""A recorded feed, of which any moment can be shown."""
+"""A recorded feed, of which any moment can be shown.
+
+States are made when they are asked for, from the nearest one that is kept. So many are kept that a step in time takes
+few events, and memory stays small.
+"""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -12,39 +16,46 @@ _EVERY = 256  # events between two states that are kept
 
 
 class Timeline:
-    """The events of a recording, in the order in which they were told, and the snapshot at any time."""
+    """The events of a recording, in the order in which they were told, and the state at any time."""
 
     def __init__(self, reducer: Reducer, events: Sequence[Mapping[str, Any]], source: Source = "log") -> None:
-        self.events = events
-        self._reducer, self._start = reducer, reducer.start(source)
-        self._times = list(accumulate((event["t_ns"] for event in events), max))  # what is told late counts from then
-        self._kept: list[State] = [self._start]  # before event 0, _EVERY, 2 * _EVERY, ...
+        self.events, self.reducer = events, reducer
+        self.times_ns = list(accumulate((event["t_ns"] for event in events), max))  # what is told late counts from then
+        self._kept: list[State] = [reducer.start(source)]  # before event 0, _EVERY, 2 * _EVERY, ...
 
     @property
     def begins_ns(self) -> int:
         """Time of the first event; 0 where there is none."""
-        return self._times[0] if self._times else 0
+        return self.times_ns[0] if self.times_ns else 0
 
     @property
     def ends_ns(self) -> int:
-        """Time of the last event."""
-        return self._times[-1] if self._times else 0
+        """Time of the last event; 0 where there is none."""
+        return self.times_ns[-1] if self.times_ns else 0
 
     def at(self, t_ns: int) -> Snapshot:
         """Give the snapshot after all events up to and including `t_ns`."""
-        return self._after(bisect_right(self._times, t_ns))
+        return self.after(self.events_until(t_ns)).snapshot
 
     def last(self) -> Snapshot:
         """Give the snapshot after all events."""
-        return self._after(len(self.events))
+        return self.after(len(self.events)).snapshot
 
     def reconfigurations(self) -> list[int]:
         """Times at which a reconfiguration was done."""
         return [event["t_ns"] for event in self.events if event["event"] in ("reconfigured", "epoch_seen")]
 
-    def _after(self, count: int) -> Snapshot:
+    def events_until(self, t_ns: int) -> int:
+        """Number of events up to and including `t_ns`."""
+        return bisect_right(self.times_ns, t_ns)
+
+    def after(self, count: int, known: State | None = None) -> State:
+        """Give the state after so many events, from a known earlier one if that is nearer."""
         number = count // _EVERY
         while len(self._kept) <= number:
             begin = (len(self._kept) - 1) * _EVERY
-            self._kept.append(self._reducer.all(self.events[begin : begin + _EVERY], self._kept[-1]))
-        return self._reducer.all(self.events[number * _EVERY : count], self._kept[number]).snapshot
+            self._kept.append(self.reducer.all(self.events[begin : begin + _EVERY], self._kept[-1]))
+        nearest, begin = self._kept[number], number * _EVERY
+        if known is not None and begin <= known.snapshot.events <= count:
+            nearest, begin = known, known.snapshot.events
+        return self.reducer.all(self.events[begin:count], nearest)

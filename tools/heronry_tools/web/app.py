@@ -86,7 +86,7 @@ class Site:
         """Give one snapshot as JSON: that of now, or of a moment of a recording."""
         if isinstance(self.shown, Live):
             return JSONResponse(document(self.shown.snapshot), headers=_NO_STORE)
-        at_ns = _number(request, "at_ns", self.shown.last_ns)
+        at_ns = _number(request, "at_ns", self.shown.ends_ns)
         state = self.shown.after(self.shown.events_until(round(at_ns)))
         return JSONResponse(document(state.snapshot), headers=_NO_STORE)
 
@@ -95,7 +95,7 @@ class Site:
         if isinstance(self.shown, Live):
             lines = live_stream(self.shown, self.closing)
         else:
-            from_ns = round(_number(request, "at_ns", self.shown.begin_ns))
+            from_ns = round(_number(request, "at_ns", self.shown.first_configuration_ns))
             speed = min(max(_number(request, "speed", 0.0), 0.0), _FASTEST)
             lines = recorded_stream(self.shown, from_ns, speed, self.closing)
         return StreamingResponse(lines, media_type="text/event-stream", headers=_NO_STORE)

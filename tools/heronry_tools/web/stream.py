@@ -65,15 +65,15 @@ async def recorded_stream(
     """Stream a recording from a moment on, at so many times its own speed; 0 shows that moment."""
     begun_s, events = time.monotonic(), recording.events_until(from_ns)
     state: State = recording.after(events)
-    span = {"first_ns": recording.first_ns, "last_ns": recording.last_ns, "marks": recording.marks}
+    span = {"first_ns": recording.begins_ns, "last_ns": recording.ends_ns, "marks": recording.marks}
     yield _whole(state.snapshot, recording.loads(0, events), recording=span, at_ns=from_ns)
     while not closing.is_set():
-        at_ns = min(from_ns + round((time.monotonic() - begun_s) * speed * 1e9), recording.last_ns)
+        at_ns = min(from_ns + round((time.monotonic() - begun_s) * speed * 1e9), recording.ends_ns)
         now = recording.events_until(at_ns) if speed else events
         if now > events:
             later = recording.after(now, state)
             yield _changed(state.snapshot, later.snapshot, recording.loads(events, now))
             state, events = later, now
-        plays = speed > 0 and at_ns < recording.last_ns
+        plays = speed > 0 and at_ns < recording.ends_ns
         yield sent("beat", {"age_s": 0, "trouble": None, "at_ns": at_ns, "plays": plays})
         await asyncio.sleep(_BETWEEN_S if plays else _BEAT_S)
