@@ -10,17 +10,15 @@ import sys
 
 _UNNEEDED = "asammdf"
 
-if "can" in sys.modules or _UNNEEDED in sys.modules:
+_is_hidden = not {"can", _UNNEEDED} & sys.modules.keys()
+if _is_hidden:
+    sys.modules[_UNNEEDED] = None  # type: ignore[assignment]  # it cannot be imported while this stands
+try:
     import can
     import can.cli
     import can.typechecking
-else:
-    sys.modules[_UNNEEDED] = None  # type: ignore[assignment]  # it cannot be imported while this stands
-    try:
-        import can
-        import can.cli
-        import can.typechecking
-    finally:
+finally:
+    if _is_hidden:
         del sys.modules[_UNNEEDED]
 
 __all__ = ["can"]

@@ -199,17 +199,24 @@ def test_a_command_that_takes_too_long_is_ended() -> None:
     assert done.stderr.endswith(b"with-vcan: sleep was ended after 3 s (--timeout)\n")
 
 
-@pytest.mark.parametrize("stop", mostly_soak([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], [signal.SIGTERM]))
-def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
-    interfaces = interface_names()
+def running(temporary: Path) -> subprocess.Popen[bytes]:
+    """Start a command that runs on, and wait until it says so; what with-vcan needs lies in this folder."""
     process = subprocess.Popen(
         [*WITH_VCAN, "sh", "-c", "sleep 1000 & echo running; wait"],
-        env={**os.environ, "TMPDIR": str(tmp_path)},
+        env={**os.environ, "TMPDIR": str(temporary)},
         stdout=subprocess.PIPE,
     )
     assert process.stdout is not None
+    assert process.stdout.readline() == b"running\n"
+    return process
+
+
+@pytest.mark.parametrize("stop", mostly_soak([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], [signal.SIGTERM]))
+def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
+    interfaces = interface_names()
+    process = running(tmp_path)
+    assert process.stdout is not None
     with process.stdout:
-        assert process.stdout.readline() == b"running\n"
         process.send_signal(stop)
         assert process.wait(60) == -stop
     assert list(tmp_path.iterdir()) == []
@@ -219,14 +226,9 @@ def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_p
 
 @user_mode_only
 def test_killed_it_leaves_no_process(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [*WITH_VCAN, "sh", "-c", "sleep 1000 & echo running; wait"],
-        env={**os.environ, "TMPDIR": str(tmp_path)},
-        stdout=subprocess.PIPE,
-    )
+    process = running(tmp_path)
     assert process.stdout is not None
     with process.stdout:
-        assert process.stdout.readline() == b"running\n"
         process.kill()
         process.wait(60)
     (folder,) = tmp_path.iterdir()
