@@ -9,8 +9,9 @@ approximation is not (E. B. Wilson, 1927; A. Agresti and B. Coull, 1998).
 """
 
 import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 Cause = Literal["sink", "offset", "short", "long", "far", "bank", "nose low", "nose high", "structure", "not landed"]
 CAUSES: tuple[Cause, ...] = (
@@ -100,3 +101,20 @@ def interval(acceptable: int, runs: int) -> tuple[float, float]:
     middle = (share + z2 / (2 * runs)) / (1 + z2 / runs)
     half = _Z_95 / (1 + z2 / runs) * math.sqrt(share * (1 - share) / runs + z2 / (4 * runs * runs))
     return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def share(landings: Sequence[Collection[Cause]]) -> dict[str, Any]:
+    """Give number, acceptable number and interval of landings as plain data; each landing is its unmet criteria."""
+    acceptable = sum(not unmet for unmet in landings)
+    low, high = interval(acceptable, len(landings))
+    return {"runs": len(landings), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
+
+
+def share_line(found: Mapping[str, Any]) -> str:
+    """Say what `share` gives of at least one landing."""
+    low, high = found["interval"]
+    percent = 100 * found["acceptable"] / found["runs"]
+    return (
+        f"{found['acceptable']} of {found['runs']} landings are acceptable "
+        f"({percent:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f})"
+    )

@@ -8,7 +8,7 @@ from statistics import median
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.fly.acceptance import interval
+from heronry_tools.fly.acceptance import share, share_line
 from heronry_tools.fly.mission import Blow, Landing, Mission
 
 FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # of a drawn fault: on final, after the loss of the corrections
@@ -42,19 +42,16 @@ def drawn_blow(spec: Spec, seed: int) -> Blow:
 
 def summary(landings: Sequence[Landing]) -> dict[str, Any]:
     """Give the figures of all landings as plain data; the share of acceptable ones has a 95 % interval."""
-    acceptable = sum(not landing.causes for landing in landings)
-    low, high = interval(acceptable, len(landings))
     sinks = sorted(landing.touchdown.sink_m_per_s for landing in landings if landing.touchdown is not None)
     errors = [landing.worst_height_error_m for landing in landings if landing.worst_height_error_m is not None]
     after = sorted(one.reconfigured_after_s for one in landings if one.reconfigured_after_s is not None)
     filters = [landing.nees for landing in landings if landing.nees]
     return {
-        "runs": len(landings),
-        "acceptable": acceptable,
-        "interval": [round(low, 4), round(high, 4)],
+        **share([landing.causes for landing in landings]),
         "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
         "went_around": sum(landing.went_around for landing in landings),
-        "kept": _kept(landings),
+        # those in which the plan kept a position good enough to land until the end
+        "kept": share([landing.causes for landing in landings if landing.mode == "precise"]),
         "sink_m_per_s": quantiles(sinks, 0.95),
         "height_error_below_1_5_m": round(sum(e < 1.5 for e in errors) / len(errors), 4) if errors else None,
         "nees": [round(sum(column) / len(filters), 3) for column in zip(*filters, strict=True)],
@@ -62,14 +59,6 @@ def summary(landings: Sequence[Landing]) -> dict[str, Any]:
         "latency_s": quantiles(sorted(ns / 1e9 for one in landings for ns in one.latencies_ns), 0.99),
         "violations": sum(bool(landing.violations) for landing in landings),
     }
-
-
-def _kept(landings: Sequence[Landing]) -> dict[str, Any]:
-    """Give the figures of those landings in which the plan kept a position good enough to land until the end."""
-    kept = [landing for landing in landings if landing.mode == "precise"]
-    acceptable = sum(not landing.causes for landing in kept)
-    low, high = interval(acceptable, len(kept))
-    return {"runs": len(kept), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
 
 
 def quantiles(ordered: Sequence[float], high: float) -> list[float] | None:
@@ -94,12 +83,9 @@ def line(landing: Landing) -> str:
 
 def figures(found: dict[str, Any]) -> str:
     """Say the figures of many flights."""
-    low, high = found["interval"]
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
-    share = 100 * found["acceptable"] / found["runs"]
-    interval = f"{share:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f}"
     lines = [
-        f"{found['acceptable']} of {found['runs']} landings are acceptable ({interval})",
+        share_line(found),
         f"causes: {causes}; went around: {found['went_around']}",
     ]
     if found["sink_m_per_s"]:

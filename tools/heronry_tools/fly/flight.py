@@ -40,9 +40,15 @@ class ReleasedPlant:
         self.plant = plant
         self._origin_ns: int | None = None
 
-    def release(self, now_ns: int) -> None:
-        """Let the plant's time begin now."""
-        self._origin_ns = now_ns
+    def release(self, simulation: Simulation, look_ns: int) -> int:
+        """Let the plant's time begin when the first configuration runs, or after five seconds; gives that time.
+
+        look_ns: the simulator looks so often.
+        """
+        while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
+            simulation.run_for(look_ns)
+        self._origin_ns = simulation.now_ns
+        return simulation.now_ns
 
     def flown_ns(self, now_ns: int) -> int:
         """Time of the plant at a time of the simulator."""
@@ -95,10 +101,7 @@ class EavFlight:
     def fly(self) -> tuple[Landing, FlightRecord]:
         """Fly to the end: the aircraft has rolled for a second, has gone around, or the time is over."""
         simulation = self.simulation
-        while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
-            simulation.run_for(_LOOK_NS)
-        self._begin_ns = simulation.now_ns
-        self._released.release(self._begin_ns)
+        self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)
         if self._mission.corrections_lost_s is not None:
             self._recorder.mark(self._mission.corrections_lost_s, "note", "the receiver's corrections are lost")

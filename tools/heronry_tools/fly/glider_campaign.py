@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.fly.acceptance import interval
+from heronry_tools.fly.acceptance import share, share_line
 from heronry_tools.fly.glider_mission import GliderLanding, GliderMission, drawn_blow
 
 
@@ -27,19 +27,13 @@ def summary(landings: Sequence[GliderLanding]) -> dict[str, Any]:
     kept = [landing for landing in landings if landing.guided and not landing.chute]
     far = sorted(landing.from_home_m for landing in landings if landing.from_home_m is not None)
     return {
-        **_share(landings),
+        **share([landing.causes for landing in landings]),
         "causes": dict(Counter(cause for landing in landings for cause in landing.causes).most_common()),
-        "kept": _share(kept),
+        "kept": share([landing.causes for landing in kept]),
         "chutes": sum(landing.chute for landing in landings),
         "from_home_m": [round(median(far), 1), round(far[-1], 1)] if far else None,
         "violations": sum(bool(landing.violations) for landing in landings),
     }
-
-
-def _share(landings: Sequence[GliderLanding]) -> dict[str, Any]:
-    acceptable = sum(not landing.causes for landing in landings)
-    low, high = interval(acceptable, len(landings))
-    return {"runs": len(landings), "acceptable": acceptable, "interval": [round(low, 4), round(high, 4)]}
 
 
 def line(landing: GliderLanding) -> str:
@@ -61,12 +55,10 @@ def line(landing: GliderLanding) -> str:
 
 def figures(found: dict[str, Any]) -> str:
     """Say the figures of many flights."""
-    low, high = found["interval"]
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
     kept = found["kept"]
     return (
-        f"{found['acceptable']} of {found['runs']} landings are acceptable "
-        f"({100 * found['acceptable'] / found['runs']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f})\n"
+        f"{share_line(found)}\n"
         f"causes: {causes}; under the parachute: {found['chutes']}\n"
         f"of {kept['runs']} flights whose guidance was kept, {kept['acceptable']} land within 500 m of home"
     )

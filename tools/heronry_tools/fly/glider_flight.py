@@ -20,7 +20,6 @@ from heronry_tools.sim.flight.simulation import Simulation
 
 _LOOK_NS = 250_000_000
 _SLIDES_NS = 2 * NS_PER_S  # after the touchdown
-_LONGEST_START_NS = 5 * NS_PER_S
 _STEERING = ("guidance", "elevator_control", "rudder_control")
 
 
@@ -48,10 +47,7 @@ class GliderFlight:
     def fly(self) -> tuple[GliderLanding, FlightRecord]:
         """Fly until the aircraft has slid for two seconds, or the time is over."""
         simulation = self.simulation
-        while not simulation.events_of("reconfigured") and simulation.now_ns < _LONGEST_START_NS:
-            simulation.run_for(_LOOK_NS)
-        self._begin_ns = simulation.now_ns
-        self._released.release(self._begin_ns)
+        self._begin_ns = self._released.release(simulation, _LOOK_NS)
         Injections(simulation, self._mission.acts, simulation.now_ns)
         self._recorder.state(0.0, "phase", "phase", next(iter(self._spec.phases), None))
         while not self._is_over():
