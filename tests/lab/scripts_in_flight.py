@@ -33,17 +33,12 @@ from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.faults.drawing import drawn_faults
-from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.campaign import fly_all
-from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
-from heronry_tools.sim.flight.injection.schedule import Injections
-from heronry_tools.sim.flight.outcome import KEY, need_key
+from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import MS, Simulation
-from heronry_tools.sim.oracles.violation import Violation
 
 SPECS: Final = ("elevator_and_chute", "dg_specs/examples/demux_actuators.dg.yaml", "big_blue")
 _ORDER_EVERY_MS: Final = (20, 900)  # between two orders; the shortest falls into a reconfiguration
-_LONGEST_START_NS: Final = 20_000 * MS
 _NS_PER_S: Final = 1_000_000_000
 
 
@@ -149,29 +144,17 @@ def broken(text: str, random: Random) -> str:
 def fly(spec: Spec, flight: FlightOfScripts) -> Result:
     """Fly once."""
     faults = drawn_faults(spec, flight.seed, flight.seconds, of_two=flight.standby)
-    simulation = Simulation(spec, flight.seed, standby=flight.standby, key=KEY if need_key(faults) else None)
+    scenario = Scenario(flight.seed, flight.seconds, faults, drawn=True, standby=flight.standby)
     result = Result(flight.seed)
-    try:
-        violations = _fly(simulation, faults, flight.seconds, result)
-    except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
-        violations = ended_by(simulation, error)
-    result.digest = simulation.digest()
-    result.violations += [str(one) for one in simulation.waivers.promised(violations)]
+
+    def begun(simulation: Simulation, start_ns: int) -> None:
+        end_ns = start_ns + round(flight.seconds * _NS_PER_S)
+        ScriptingOperator(simulation, Random(f"scripts of {flight.seed}"), end_ns, result).begin()
+
+    outcome = play(spec, scenario, begun)
+    result.digest = outcome.digest
+    result.violations += map(str, outcome.violations)
     return result
-
-
-def _fly(simulation: Simulation, faults: tuple[Fault, ...], seconds: float, result: Result) -> list[Violation]:
-    while not simulation.events_of("reconfigured"):
-        simulation.run_for(MS)
-        if simulation.now_ns > _LONGEST_START_NS:
-            result.violations.append("no configuration has ever run")
-            return []
-    start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
-    end_ns = start_ns + round(seconds * _NS_PER_S)
-    injections = Injections(simulation, faults, start_ns)
-    ScriptingOperator(simulation, Random(f"scripts of {simulation.seed}"), end_ns, result).begin()
-    simulation.run_until(end_ns)
-    return end_flight(simulation, injections, (fault.target for fault in faults))
 
 
 def _commanded(core: ManagerCore) -> tuple[object, ...]:

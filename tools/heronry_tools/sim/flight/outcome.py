@@ -5,7 +5,7 @@ to converge (`end_of_flight`).
 """
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -69,8 +69,15 @@ def need_key(faults: Iterable[Fault]) -> bool:
     return any(KINDS[fault.kind].needs_key for fault in faults)
 
 
-def play(spec: Spec, scenario: Scenario) -> Outcome:
-    """Fly a scenario to its end, and give its outcome."""
+def _nothing(_simulation: Simulation, _start_ns: int) -> None:
+    """Do nothing."""
+
+
+def play(spec: Spec, scenario: Scenario, begun: Callable[[Simulation, int], None] = _nothing) -> Outcome:
+    """Fly a scenario to its end, and give its outcome.
+
+    begun: called when the first configuration runs, with the time at which it began to.
+    """
     has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(
         spec,
@@ -82,7 +89,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:
-        violations = _fly(simulation, scenario, hits)
+        violations = _fly(simulation, scenario, hits, begun)
     except Exception as error:  # noqa: BLE001 - an exception of a core, of any type, is a finding
         violations = ended_by(simulation, error)
     return Outcome(
@@ -98,7 +105,12 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     )
 
 
-def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, str]]) -> list[Violation]:
+def _fly(
+    simulation: Simulation,
+    scenario: Scenario,
+    hits: Counter[tuple[str, str]],
+    begun: Callable[[Simulation, int], None],
+) -> list[Violation]:
     while not simulation.events_of("reconfigured"):
         simulation.run_for(_MS)
         if simulation.now_ns > _LONGEST_START_NS:
@@ -106,6 +118,7 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
     injections = Injections(simulation, scenario.faults, start_ns)
     injections.hits = hits
+    begun(simulation, start_ns)
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
     violations = end_flight(simulation, injections, (fault.target for fault in scenario.faults))
     named = () if scenario.drawn else scenario.faults
