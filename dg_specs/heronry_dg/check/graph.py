@@ -11,13 +11,16 @@ findings of it, and call the function in `check`.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
 from typing import TypeVar
 
 from heronry_dg import yaml_source
 from heronry_dg.check.plants import check_plants
 from heronry_dg.check.subject import Subject
+from heronry_dg.cycles import components, shortest_cycle
 from heronry_dg.findings import Findings, listed
 from heronry_dg.gates import And, Expression, Leaf, bounds
 from heronry_dg.model import Function, Module, Spec, When
@@ -35,6 +38,7 @@ def check(subject: Subject, findings: Findings) -> None:
     _inputs(subject, wiring, findings)
     _watched(subject, wiring, findings)
     _never_firing(subject, wiring, findings)
+    _circles(subject, findings)
     _needs(subject, wiring, findings)
     _unused_variables(subject, findings)
     _unused_gates(subject, findings)
@@ -151,6 +155,49 @@ def _never_firing(subject: Subject, wiring: _Wiring, findings: Findings) -> None
             sentence, hint = cause
             place = subject.place("phases", phase.name, "when")
             findings.add(rules.NEVER_FIRES, place, f"the rule of phase '{phase.name}' never fires: {sentence}", hint)
+
+
+def _circles(subject: Subject, findings: Findings) -> None:
+    """Find phases whose rules lead from one to the next and back while one value of their variable fulfils them all.
+
+    The phase would then change for as long as the variable keeps that value, with each message a new one.
+    """
+    by_variable: dict[str, dict[str, When]] = {}
+    for phase in subject.spec.phases.values():
+        if phase.when is not None:
+            by_variable.setdefault(phase.when.variable, {})[phase.name] = phase.when
+    for variable, of_phase in by_variable.items():
+        circle = _circle(of_phase)
+        if circle:
+            way = " -> ".join([*circle, circle[0]])
+            findings.add(
+                rules.CIRCLE,
+                subject.place("phases", circle[0], "when"),
+                f"the phase changes without end ({way}): all these rules hold at one value of '{variable}'",
+                "let the thresholds of the way there and of the way back exclude each other",
+            )
+
+
+def _circle(rules_of: Mapping[str, When]) -> list[str]:
+    """Give the phases of a shortest circle of rules that all hold at one value; empty if there is none."""
+    thresholds = sorted(
+        {limit for when in rules_of.values() for limit in (when.above, when.below) if limit is not None}
+    )
+    ends = [thresholds[0] - 1, thresholds[-1] + 1]
+    for value in [*ends, *((low + high) / 2 for low, high in pairwise(thresholds))]:
+        holding = {phase: when for phase, when in rules_of.items() if _holds(when, value)}
+        leads_on = {
+            phase: [other for other, when in holding.items() if phase in when.origins and phase != other]
+            for phase in holding
+        }
+        for component in components(leads_on):
+            if len(component) > 1:
+                return shortest_cycle(leads_on, component)
+    return []
+
+
+def _holds(when: When, value: Fraction) -> bool:
+    return (when.above is not None and value > when.above) or (when.below is not None and value < when.below)
 
 
 def _why_it_never_fires(spec: Spec, wiring: _Wiring, phase: str, rule: When) -> tuple[str, str] | None:

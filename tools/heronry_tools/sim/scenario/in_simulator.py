@@ -139,7 +139,7 @@ def _start_ns(flight: Simulation) -> int:
 def _do(flight: Simulation, script: Script, deed: Deed) -> None:
     try:
         match deed.what, deed.target:
-            case "fault", _:
+            case "fault" | "wait", _:
                 pass  # `Injections` injects faults
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")

@@ -37,7 +37,7 @@ class Step:
 def can_be_done(deed: Deed) -> bool:
     """Tell whether a deed can be done to processes."""
     if deed.fault is None:
-        return deed.what in ("kill", "restore", *ORDERS)
+        return deed.what in ("kill", "restore", "wait", *ORDERS)
     return deed.fault.kind in _FAULTS and not deed.fault.during
 
 
@@ -48,6 +48,8 @@ def steps(deeds: Iterable[Deed]) -> list[Step]:
 
 
 def _steps_of(deed: Deed) -> Iterator[Step]:
+    if deed.what == "wait":
+        return
     if deed.fault is None:
         yield Step(deed.at_ns, deed.what, deed)
         return

@@ -102,7 +102,7 @@ class Deed:
 
     line: int
     at_ns: int
-    what: str  # kill, restore, phase, fail, clear, script, release, stick, fault
+    what: str  # kill, restore, phase, priority, fail, clear, script, release, wait, stick, fault
     target: str  # of `script`: its text
     text: str
     fault: Fault | None = None
@@ -283,6 +283,8 @@ class _Reader:
                 deed = Deed(self.number, at_ns, what, self._element(element), text)
             case ["script", name]:
                 deed = Deed(self.number, at_ns, "script", self._script_text(name), text)
+            case ["wait"]:
+                deed = Deed(self.number, at_ns, "wait", "", text)
             case ["release"]:
                 deed = Deed(self.number, at_ns, "release", "", text)
             case ["stick", device] if device.startswith("device:"):
@@ -290,7 +292,19 @@ class _Reader:
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
             case _:
-                known = ["kill", "restore", "phase", "priority", "fail", "clear", "script", "release", "stick", *KINDS]
+                known = [
+                    "kill",
+                    "restore",
+                    "phase",
+                    "priority",
+                    "fail",
+                    "clear",
+                    "script",
+                    "release",
+                    "wait",
+                    "stick",
+                    *KINDS,
+                ]
                 remedy = meant(words[0], known, f"what can be done is {', '.join(known)}")
                 self._refuse(f"'{text}' cannot be done; {remedy}")
         self.deeds.append(deed)
