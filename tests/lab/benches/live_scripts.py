@@ -12,7 +12,9 @@ import json
 import sys
 import time
 from argparse import Namespace
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -46,10 +48,9 @@ def times_of(spec_name: str, scripts: int) -> dict[str, list[float]]:
     with aircraft(spec_name) as flown:
         events = AwaitedEvents(flown.fleet, flown.fleet.start_manager())
         flown.start_pes()
-        planned = [events.wait("plan_ready")["plan"]]
+        told = [events.wait("plan_ready"), events.wait("reconfigured")]
         time.sleep(_CALM_S)  # every PE has joined, and a better plan has been deployed
-        planned += [event["plan"] for event in events.take() if event["event"] == "plan_ready"]
-        there_and_back = scripts_of(flown.spec, read_plan(json.dumps(planned[-1]), flown.spec))
+        there_and_back = scripts_of(flown.spec, _running([*told, *events.take()], flown.spec))
         for number in counted("scripts", scripts, range(scripts)):
             time.sleep(_SETTLE_S)
             events.take()
@@ -61,6 +62,13 @@ def times_of(spec_name: str, scripts: int) -> dict[str, list[float]]:
             times[_IN_ALL].append((done["t_ns"] - given_ns) / 1e6)
             times[_DEPLOYED].append((done["times_ns"]["distribute"] + done["times_ns"]["activate"]) / 1e6)
     return times
+
+
+def _running(told: Sequence[Mapping[str, Any]], spec: Spec) -> Plan:
+    """Give the plan that runs: the last one that was ready before the last reconfiguration ended."""
+    ended = max(place for place, event in enumerate(told) if event["event"] == "reconfigured")
+    ready = [event["plan"] for event in told[:ended] if event["event"] == "plan_ready"]
+    return read_plan(json.dumps(ready[-1]), spec)
 
 
 def scripts_of(spec: Spec, planned: Plan) -> tuple[str, str]:
