@@ -3,8 +3,8 @@
 Only the two long texts, the EDS and the table, are kept once a client has read them; all other values are read anew
 each time. A client can write two numbers: the heartbeat time, and 0 to the number of errors, which empties the list. A
 client can also write a table. A PE that waits for a table (`table_waiting`) takes any table that fits. A PE that has a
-table accepts only the same table again. A configured PE accepts none, since so many bytes must not load its bus. With a
-key the lock must be open for any download, and a table must be sealed.
+table accepts only the same table again. A PE that runs a configuration accepts no table, since a table has many bytes,
+which would load the bus. With a key the lock must be open for any download, and a table must be sealed.
 """
 
 from collections.abc import Callable
@@ -54,11 +54,11 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The parts of an agent from which `PeObjects` reads its values.
+    """What `PeObjects` needs of an agent.
 
-    facts: gives what the state frames report now.
-    take_table: accepts a table that differs from the present one, or gives an abort code; None: no other is accepted.
-    authenticity: has the lock on NMT and SDO writes, and opens sealed tables; None without a key.
+    facts: returns the present content of the state frames.
+    take_table: takes a table that differs from the present one, or returns an abort code; None: each is refused.
+    authenticity: tells whether writes are unlocked, and opens sealed tables; None without a key.
     """
 
     turn: Turn
