@@ -65,7 +65,7 @@ class RadioPort:
             self._in_flight, self._moved = None, True
 
     def step(self, now_ns: int) -> list[Send]:
-        """Return the frames to send now: the report to the manager if it is due, and the radio's next frame if it may go."""
+        """Return the frames to send now: the report to the manager, if it is due, and the radio's next frame."""
         if now_ns < self.next_ns and not self._moved:
             return []
         self._moved = False

@@ -153,7 +153,7 @@ class RadioQueue:
 
 
 def is_patient(frame: Frame) -> bool:
-    """Tell whether a frame is a command that has the same effect when it comes late: it names its epoch, for example."""
+    """Tell whether a frame is a command that has the same effect when it comes late (it names its epoch, say)."""
     return classify(frame.can_id).command in _PATIENT_COMMANDS
 
 

@@ -1,4 +1,5 @@
-"""Voters: modules that give one value out of several that should be equal, and report a channel that differs.
+"""Voters: modules that give one value out of several *channels*, variables that should be equal, and report a channel that
+    differs.
 
     median    gives the median of the channels that are present, so that a single wrong channel does not decide. Of two
               channels that differ it gives the one nearer to the last output
@@ -21,7 +22,7 @@ _BLAMING = 3  # channels that must be present for a report
 
 
 class Voter(Module):
-    """Base of the two voters; a subclass of one of them sets the attributes."""
+    """Base class of the two voters; a subclass of these sets the attributes."""
 
     channels: ClassVar[Mapping[str, str]]  # variable -> the element to report for it
     output: ClassVar[str]
@@ -34,11 +35,11 @@ class Voter(Module):
         self.last: float | None = None
 
     def choose(self, heard: list[float]) -> float | None:
-        """Choose the output from one or more values; None where they do not agree."""
+        """Return the output, from the values of the channels that are present; None if they do not agree."""
         raise NotImplementedError
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Vote, and give the output; no value while no channel is present, or the channels do not agree."""
+        """Vote, and return the output; no value if no channel is present, or the channels do not agree."""
         heard = {channel: value for channel in self.channels if (value := number(inputs, channel)) is not None}
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
@@ -53,7 +54,7 @@ class MedianVoter(Voter):
     """Gives the median of the channels; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float:
-        """Give the median; of two values that differ, the one nearer to the last output."""
+        """Return the median; of two values that differ, the one nearer to the last output."""
         last = self.last
         if len(heard) != 2 or last is None or abs(heard[0] - heard[1]) <= self.tolerance:
             return statistics.median(heard)
@@ -64,7 +65,7 @@ class MajorityVoter(Voter):
     """Gives the value on which more than half of all channels agree; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float | None:
-        """Give the mean of the largest group of values within `tolerance` of one of them, if it is a majority."""
+        """Return the mean of the largest group of values that agree within `tolerance`; None if it is no majority."""
         groups = ([other for other in heard if abs(other - one) <= self.tolerance] for one in heard)
         largest = max(groups, key=len)
         return statistics.fmean(largest) if 2 * len(largest) > len(self.channels) else None
