@@ -118,7 +118,7 @@ class Context(Protocol):
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Report to the manager that `element` (`device:NAME` or `module:NAME`) has failed.
 
-        detail: a number of the author's choice, 0..65535, which the manager shows.
+        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
         A report of `pe:NAME` or `bus:NAME` is only a suspicion, which the manager compares with its own observations.
         """
 
@@ -126,7 +126,7 @@ class Context(Protocol):
         """Report to the manager that two inputs differ, and that neither is known to be wrong.
 
         The report changes no plan. Call this in every step while the inputs differ; it is sent at most once a second.
-        detail: a number of the author's choice, 0..65535, which the manager shows.
+        detail: a number of the author's choice, 0..65535, which the manager's event repeats.
         """
 
     def request_phase(self, phase: str) -> None:

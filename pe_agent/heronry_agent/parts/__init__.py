@@ -1,7 +1,7 @@
 """Ready-made modules for fault tolerance, for which an author only names the variables and elements.
 
-To use such a part, subclass it and set its class attributes; the subclass is the image of a module. The package
-`redundancy` of the shipped aircraft has one image of each part; the examples `redundant_data`, `comparators` and
+To use such a part, subclass it and set its class attributes; the subclass is the image of a module. The images of the
+shipped aircraft include one of each part (`redundancy`); the examples `redundant_data`, `comparators` and
 `watched_actuator` in `dg_specs/examples` use them.
 
 All parts ignore a datum that is missing, invalid or not a number, and report no element for it. A part reports an

@@ -1,13 +1,13 @@
-"""Voters: modules that give one value out of several *channels*, variables that should be equal, and report a channel that
-    differs.
+"""Voters: modules that compute one value from several that should be equal, and report the one that differs.
 
     median    gives the median of the channels that are present, so that a single wrong channel does not decide. Of two
               channels that differ it gives the one nearer to the last output
     majority  gives the mean of the largest group of channels that agree, if that is more than half of all channels;
-              else no value, and the spec decides what its readers do without one
+              otherwise no value, and the spec decides what the modules that read it do without one
 
-A channel is reported if it is further than `tolerance` from the output while more than two channels are present. With
-two channels that differ, either may be right, and none is reported.
+A *channel* is one of the variables that should be equal. A channel is reported if it is further than `tolerance` from
+the output while more than two channels are present. With two channels that differ, either may be right, and none is
+reported.
 """
 
 import statistics

@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME=[INTERFACE:]CHANNEL",
-        help="which channel is this bus of the table; once for each bus of a gateway",
+        help="the channel of one bus in the table; repeat it for each bus of a gateway",
     )
     parser.add_argument(
         "--state-dir",
