@@ -28,7 +28,7 @@ from heronry_agent.module import Value
 
 
 class Reading(NamedTuple):
-    """A reading of a device."""
+    """What a device returns when it is read."""
 
     value: Value | None  # None: the device does not answer
     time_ns: int  # when the value was taken, on the clock of the caller's `now_ns`
@@ -56,7 +56,7 @@ class Device(Protocol):
 
 
 class DeviceDriver(Protocol):
-    """Opens the devices of one PE."""
+    """Opens the devices of one PE; the package of the driver offers it under the entry point `heronry.devices`."""
 
     def open(self, name: str) -> Device:
         """Return the device that has this name in the spec; called once per device.

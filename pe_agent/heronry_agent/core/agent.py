@@ -63,7 +63,7 @@ _NS_PER_MS = 1_000_000
 
 
 class AgentCore:
-    """The agent of one PE."""
+    """The agent of one PE: a state machine that its driver calls with events, and that returns actions."""
 
     def __init__(
         self,
@@ -151,7 +151,10 @@ class AgentCore:
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
-        """How many frames and answers were malformed or refused, by cause and CAN identifier (of an answer: module)."""
+        """How many frames and answers were malformed or refused, by (cause, number).
+
+        The number is the CAN identifier of the frame, or the index of the module that answered.
+        """
         return self._turn.counts
 
     @property
@@ -221,7 +224,7 @@ class AgentCore:
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
     def _take_own(self, event: Event) -> None:
-        """Process an event that is no frame: the time, or an answer of the driver or of a module."""
+        """Process an event that is not a received frame: the time, or what the driver reports."""
         modules = self.modules
         match event:
             case Tick():

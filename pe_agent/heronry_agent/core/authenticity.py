@@ -89,7 +89,7 @@ class Secret:
 
 
 class Authenticity:
-    """Verifies the commands to one PE with its key, and tags the states of that PE."""
+    """Verifies with a key the commands to one PE, and computes the tags of the PE's state pages."""
 
     def __init__(
         self,
@@ -160,7 +160,7 @@ class Authenticity:
         return self._key.opened(sealed)
 
     def accept(self, order: Control) -> None:
-        """Execute RENEW (end the session) or UNLOCK (open the lock for some seconds; 0: close it)."""
+        """Execute a verified RENEW (end the session) or UNLOCK (open the lock for some seconds; 0: close it)."""
         if order.operation is Operation.RENEW:
             self._states.end_session()
         else:
@@ -187,7 +187,7 @@ class Authenticity:
                 self._request_welcome()
 
     def _is_led(self) -> bool:
-        """Tell whether the active manager has a session with this PE, and has commanded it within T_lease."""
+        """Tell whether the active manager has a session with this PE, and sent a valid command within T_lease."""
         is_recent = self._turn.now_ns - self._believed_ns <= self._index.lease_ns
         return is_recent and self._states.session is not None
 
@@ -239,7 +239,7 @@ class Authenticity:
         return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
-        """Send what is due once in a heartbeat period: the first nonce, and every STATE_PAGE_1_EVERY periods page 3."""
+        """Send what is due once in a heartbeat period; the caller calls this once in each period."""
         self._beats += 1
         if self._requested_ns is None:
             self._request_welcome()

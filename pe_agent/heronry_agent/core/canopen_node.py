@@ -134,7 +134,7 @@ class CanopenNode:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
-        """Answer an SDO request, and serve none after it for as long as SDO's share of the bus demands."""
+        """Answer an SDO request now, and set when the next one may be answered."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
         self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns

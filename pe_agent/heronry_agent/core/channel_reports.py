@@ -25,7 +25,7 @@ _NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 gene
 
 
 class ChannelReports:
-    """The channel reports of one PE; `next_ns` is the time at which to call `tick`."""
+    """Reports the lost channels of one PE's replicated buses; `next_ns` is the time at which to call `tick`."""
 
     def __init__(self, turn: Turn, index: TableIndex) -> None:
         self._turn, self._index = turn, index

@@ -79,7 +79,7 @@ class CommandAcceptance:
                 yield management_id(manager, command), partial(self._command, manager, command)
 
     def _counts(self, manager: int, term: int, event: Received) -> bool:
-        """Tell whether a command is accepted; a refused one is counted, and a new term is adopted."""
+        """Tell whether to accept a command with this term; notes a new term, and counts a command that is refused."""
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
@@ -173,8 +173,8 @@ class CommandAcceptance:
     def _prepare(self, command: Prepare) -> None:
         """Begin to collect the slice of a new epoch.
 
-        If the slice is on board, it is staged at once; then data are held back for a moment, so that the answers of all
-        PEs and ACTIVATE pass the bus quickly.
+        A slice that is on board is staged at once. Then data frames are held back for a moment, so that the answers of
+        all PEs, and ACTIVATE, pass the bus quickly.
         """
         before = self.staging.staged
         self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
@@ -182,7 +182,10 @@ class CommandAcceptance:
             self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
-        """Take the ordered activation step if its epoch runs or is staged here; otherwise this PE may be overtaken."""
+        """Take the activation step that LEASE or ACTIVATE names, if this PE runs or has staged its epoch.
+
+        If it does not, another PE may have replaced this one, which `OutputAuthorization` finds out.
+        """
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
         self.mastership.has_activated |= order.step is Step.GO_ALL

@@ -36,9 +36,9 @@ class Condition:
     _is_held: bool = False  # exclusive outputs, as last logged
 
     def facts(self) -> Facts:
-        """Return the present content of the state frames.
+        """Return the present content of the state frames, and log what has changed since the last call.
 
-        If the lease or the authorization of exclusive outputs has begun or ended since the last call, this is logged.
+        Logged is only what no command causes: whether a manager is heard, and whether exclusive outputs are authorized.
         """
         now_ns = self.turn.now_ns
         hears_lease = self.mastership.hears_lease(now_ns)
@@ -92,7 +92,7 @@ class StateReports:
             self.authenticity.beat()
 
     def immediate(self) -> None:
-        """Send the pages that the parts have requested since the call of the core began."""
+        """Send the state pages that parts of the agent have requested in this call of the core."""
         turn = self.turn
         if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
             self._proven_changes = self.modules.faults.changes

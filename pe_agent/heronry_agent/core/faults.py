@@ -58,7 +58,7 @@ _Key = tuple[FaultCode, ElementKind, int]
 
 
 class Faults:
-    """The pending faults and requests of one PE, and the faults on record."""
+    """The reports of one PE that the manager has not acknowledged yet, and the faults that are not cleared yet."""
 
     def __init__(self, node: int, period_ns: int, critical: Collection[tuple[ElementKind, int]] = ()) -> None:
         """Begin without faults.
@@ -96,11 +96,15 @@ class Faults:
 
     @property
     def register(self) -> int:
-        """Error register of CANopen (object 1001h): not 0 while any fault is on record."""
+        """Error register of CANopen (object 1001h): not 0 while a reported fault is not cleared."""
         return _ERROR_REGISTER if self._told else _NO_ERROR
 
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
-        """Record a fault, and return the frames that report it now; none if it is pending already, or quiet."""
+        """Record a fault; returns the frames that report it.
+
+        Returns none while an earlier report of the fault is not acknowledged, and for a second after the
+        acknowledgement.
+        """
         key = (code, kind, index)
         if key in self._pending:
             return []
@@ -113,12 +117,12 @@ class Faults:
         return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
-        """Make the fault of an element pending again if it is on record; returns the frames to send now."""
+        """Report the fault of an element once more, unless it was cleared; returns the frames to send now."""
         told = self._told.get((kind, index))
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Make the faults pending again that were found or acknowledged at `since_ns` or later.
+        """Report those uncleared faults once more that were found or acknowledged at `since_ns` or later.
 
         Returns the frames to send now.
         """
@@ -143,7 +147,7 @@ class Faults:
         return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
 
     def withdraw_request(self) -> None:
-        """Drop the last phase request, whether or not it is still pending."""
+        """Drop the last phase request, whether or not it was acknowledged."""
         self._request = None
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
@@ -158,18 +162,21 @@ class Faults:
         return self._pend(request, now_ns)
 
     def repeat_priority(self, function: int, now_ns: int) -> list[Frame]:
-        """Send the last request for a function again, unchanged; returns its frames, none while it is pending."""
+        """Report the last request for a function once more, unchanged; returns its frames.
+
+        Returns none while the request is not acknowledged, since it is being repeated anyway.
+        """
         request = self._priorities[function]
         return [] if _key(request) in self._pending else self._pend(request, now_ns)
 
     def withdraw_priority(self, function: int) -> None:
-        """Drop the last request for the priority of a function, whether or not it is still pending."""
+        """Drop the last request for the priority of a function, whether or not it was acknowledged."""
         request = self._priorities.pop(function, None)
         if request is not None and _key(request) in self._pending:
             self._drop([_key(request)])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
-        """End the pending reports that the manager has acknowledged; tells whether there were any.
+        """Stop repeating the reports that the manager has acknowledged; tells whether there were any.
 
         kind, number: the fields of the acknowledgement (`Emergency.acknowledgement`).
         """
@@ -182,7 +189,7 @@ class Faults:
         return bool(heard)
 
     def clear(self, kind: int, index: int) -> list[Frame]:
-        """Remove the faults of an element from the record; returns the EMCY with code 0 if there were any."""
+        """Clear the faults of an element; returns the EMCY that ends their report, none if there were no faults."""
         self._drop([key for key in self._pending if key[1:] == (kind, index)])
         self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
         told = self._told.pop((kind, index), None)
@@ -192,12 +199,12 @@ class Faults:
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
-        """Return the frames of the pending reports that are to be sent again now."""
+        """Return the frames of the reports that are to be repeated now."""
         due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
         return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
     def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
-        """Make a report pending, and return its frames."""
+        """Repeat a report every heartbeat period from now on; returns its frames."""
         key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)

@@ -61,7 +61,7 @@ class Gateway:
 
     @property
     def rising_ids(self) -> set[int]:
-        """CAN identifiers of the reports that are forwarded from a far bus to the uplink."""
+        """CAN identifiers of the reports that are forwarded from a far bus (away from the manager) to the uplink."""
         return {identifier for _, identifier in self._rising}
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
@@ -95,8 +95,7 @@ class Gateway:
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
         """Return the copies of a data frame for the ports that the slice names.
 
-        exclusive_until_ns: returns the time in ns until which an exclusive frame may go to the uplink; None: it may
-            not.
+        exclusive_until_ns: returns until when (in ns) an exclusive frame may go to the uplink; None: it may not.
         """
         entry = self._data.get(frame.can_id)
         if entry is None or node_of(frame.data) != entry[0]:
@@ -114,7 +113,7 @@ class Gateway:
         return frozenset(self._data)
 
     def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:
-        """Tell whether to forward a LEASE or ALIVE: at once if its content is new, else once in the port's period."""
+        """Tell whether to forward a LEASE or ALIVE: at once if its content is new, else once in a heartbeat period."""
         period_ns = self._ports[port].heartbeat_ns
         said, due_ns = self._last.get((port, command), (b"", now_ns))
         if said == meaning and now_ns < due_ns - slack_ns(period_ns):

@@ -33,7 +33,7 @@ _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 
 
 class Inbound:
-    """Hands each received frame to the part of one PE that takes it."""
+    """Finds the part of the agent that handles a received frame, by its CAN identifier."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Inbound:
         services: Iterable[tuple[int, Handler]],
         followed: Collection[str] | None,
     ) -> None:
-        """Make the fixed handlers; the first `rewire` makes the data handlers.
+        """Make the handlers that never change; the first `rewire` adds those of data frames.
 
         commands: the identifiers of manager commands, each with its handler.
         services: the identifiers of CANopen and of node services, each with its handler.
@@ -71,7 +71,7 @@ class Inbound:
         self.quiet = self._quiet_ids()
 
     def rewire(self) -> None:
-        """Make the data handlers anew for the configuration that runs now."""
+        """Make the handlers of data frames for the configuration that runs now."""
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
@@ -121,10 +121,10 @@ class Inbound:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which the present exclusive frame may be forwarded to the uplink; None: never.
+        """Time in ns until which the received exclusive frame may be forwarded to the uplink; None: it may not.
 
-        A frame that arrived during a pause of this process is never forwarded there: a command that arrived after it,
-        and is still unread, may end the authorization.
+        It may not if it arrived during a pause of this process: a command that arrived after it, and is still unread,
+        may end the authorization.
         """
         turn = self._turn
         return (

@@ -55,7 +55,7 @@ class _Period:
 
 
 class _Numbered(NamedTuple):
-    """The last frame of one sender's sequence."""
+    """The last frame that came of one sequence of numbered frames."""
 
     sequence: int
     time_ns: int
@@ -142,7 +142,7 @@ class LinkMeter:
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
     def _number(self, frame: Frame, now_ns: int) -> None:
-        """Count the frames of a sender that came, and that should have come, since its last numbered frame."""
+        """Count how many frames have come, and should have come, from the sender of a frame since its last frame."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return

@@ -28,7 +28,7 @@ _TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)
 
 
 class Mailbox:
-    """The last datum of one source from one origin."""
+    """The last datum of one source, from the one PE that produces the source."""
 
     __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
 
@@ -101,7 +101,7 @@ class Mailboxes:
         self._wires: dict[int, tuple[_Wire, ...]] = {}
 
     def rewire(self, wanted: Slice) -> None:
-        """Make the mailboxes that a new slice needs; a source with the same origin as before keeps its mailbox."""
+        """Make the mailboxes that a new slice needs; a source that stays on its PE keeps its mailbox and datum."""
         read = {source for module in wanted.modules for source in module.sources if source is not None}
         self.boxes = {source: self._box(source, wanted.remote.get(source, self._index.node)) for source in sorted(read)}
         self._wires = {

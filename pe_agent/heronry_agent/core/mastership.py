@@ -33,7 +33,7 @@ class Mastership:
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
-        """Tell whether a command of this manager with this term is accepted; a higher term than before is adopted."""
+        """Tell whether to accept a command of this manager with this term; notes a term that is higher than before."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:

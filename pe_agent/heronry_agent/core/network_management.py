@@ -85,9 +85,9 @@ class NetworkManagement:
         return NmtState.OPERATIONAL if configured else self._commanded
 
     def command(self, data: bytes, now_ns: int, *, configured: bool, managed: bool) -> NmtOutcome:
-        """Execute or refuse an NMT command, given as its bytes.
+        """Execute or refuse an NMT command, given as its bytes; returns what became of it.
 
-        configured, managed: as in `state`; either of them has the command refused.
+        configured: a manager has configured this PE. managed: a manager is heard. In both cases the command is refused.
         """
         command = decode_command(data)
         if command is None or command.code not in (*_COMMANDED, *_RESETS):

@@ -41,7 +41,7 @@ class NodeServices:
     """Answers the node services of one PE."""
 
     def __init__(self, node: int, period_ns: int, network: NetworkManagement) -> None:
-        """period_ns: heartbeat period of the uplink."""
+        """Begin without a time stamp; `period_ns` is the heartbeat period of the uplink."""
         self._node, self._period_ns = node, period_ns
         self._network = network
         self._identification = IdentificationService(node)
@@ -60,7 +60,7 @@ class NodeServices:
         return min(self._identification.next_ns, self._state_due_ns)
 
     def take(self, port: int, frame: Frame, now_ns: int) -> list[Send] | Malformed:
-        """Take a request; gives the frames to send immediately, or the reason why the request is malformed."""
+        """Process a request; returns the frames to send now, or the reason why the request is malformed."""
         request = decode_service(frame)
         if isinstance(request, Malformed):
             return request

@@ -29,7 +29,7 @@ _ENTRIES = {entry.index: entry for entry in OBJECTS}
 
 
 class ObjectDictionary:
-    """All objects of one node."""
+    """The CANopen objects of one node: reads and writes their values."""
 
     def __init__(
         self,
@@ -134,13 +134,13 @@ class Locked:
         self._room, self._is_locked = objects.room, is_locked
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Do as `ObjectDictionary.room`, but refuse every object while locked."""
+        """Return what `ObjectDictionary.room` returns, but a refusal while writing is locked."""
         room = self._room(index, sub_index, length)
         return Abort.DEVICE_STATE if isinstance(room, int) and self._is_locked() else room
 
 
 def _needed() -> Iterator[Place | int]:
-    """Return what needs a function of the caller: the places of variables, and the indices of arrays."""
+    """Yield everything for which the constructor needs a function: places of variables, and indices of arrays."""
     for entry in OBJECTS:
         if _is_alive(entry):
             yield entry.index

@@ -65,7 +65,7 @@ class OutputAuthorization:
         """Begin without authorization.
 
         lease_ns: T_lease, the time within which another node must be heard.
-        has_key: commands are verified with a key; then condition (d) is not checked.
+        has_key: commands are verified with a key.
         """
         self._has_key = has_key
         self.revoked: Callable[[], None] = _withdraw_nothing  # called when a frame has ended an authorization
@@ -94,7 +94,7 @@ class OutputAuthorization:
         return self._heard_ns + self._lease_ns
 
     def identifiers_until_ns(self, now_ns: int) -> int | None:
-        """Time in ns until which frames of modules that may run elsewhere may be sent; None: not now."""
+        """Time in ns until which data frames of modules that may move to another PE may be sent; None: not now."""
         if not self.allows(now_ns) or self._heard_ns is None or not self._is_past(self._identifiers_doubted_ns, now_ns):
             return None
         since_ns = self._heard_ns if self._missed_ns is None else min(self._heard_ns, self._missed_ns)
@@ -123,7 +123,7 @@ class OutputAuthorization:
         """Note an ALIVE of the active manager.
 
         is_named: ALIVE names this PE as available.
-        has_activated: this manager has brought a configuration to its last activation step.
+        has_activated: this manager has brought a configuration to its last activation step, GO_ALL.
         """
         self.heard(arrived_ns)
         if arrived_ns - self._pinged_ns >= self._identifier_ns * 9 // 16:
@@ -151,12 +151,12 @@ class OutputAuthorization:
             self.revoked()
 
     def neighbour_runs(self, epoch: int, running: int) -> None:
-        """Note the epoch in the state frame of another PE; with a key it counts only while this PE is in doubt."""
+        """Note the epoch that another PE reports; with a key this counts only while this PE is in doubt."""
         if not self._has_key or self._doubted_ns is not None:
             self.saw_epoch(epoch, running)
 
     def saw_epoch(self, epoch: int, running: int) -> None:
-        """Note that `epoch` was activated; if it is newer than `running`, this PE's own, this PE is overtaken."""
+        """Note that `epoch` was activated; this PE is overtaken if its own epoch, `running`, is older."""
         if is_newer(epoch, running):
             self._overtake()
 
@@ -165,7 +165,7 @@ class OutputAuthorization:
         self._overtake()
 
     def confirmed(self) -> None:
-        """Note that the last activation step is taken, or that LEASE names it: this PE is not overtaken any more."""
+        """Note that this PE is not overtaken: it, or LEASE for its configuration, is at the step GO_ALL."""
         self._overtaken = False
 
     def _overtake(self) -> None:

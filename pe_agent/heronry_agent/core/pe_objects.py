@@ -54,7 +54,7 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What `PeObjects` needs of an agent.
+    """What `PeObjects` and `CanopenNode` need of an agent.
 
     facts: returns the present content of the state frames.
     take_table: takes a table that differs from the present one, or returns an abort code; None: each is refused.
@@ -73,7 +73,7 @@ class Parts:
 
 
 class PeObjects:
-    """Gives the values of the CANopen objects of one PE."""
+    """Reads and writes the values of the CANopen objects of one PE."""
 
     def __init__(self, parts: Parts, network: NetworkManagement, services: NodeServices) -> None:
         self._parts, self._network, self._services = parts, network, services
@@ -81,7 +81,7 @@ class PeObjects:
         self._entries = tuple(parts.index.modules.values())
 
     def dictionary(self) -> ObjectDictionary:
-        """Give the object dictionary of this PE."""
+        """Return the object dictionary of this PE, which calls the functions of this object."""
         return ObjectDictionary(
             self._parts.index.node,
             readers={
@@ -122,7 +122,7 @@ class PeObjects:
         )
 
     def _state(self, number: int) -> int:
-        """Give the value at a sub-index of object 2000h, the state of the PE."""
+        """Return the value at sub-index `number` of object 2000h, the state of the PE."""
         facts, running = self._parts.facts(), self._parts.reconfiguration.running
         return (
             facts.state,

@@ -67,7 +67,7 @@ class _Watch:
         return not self.armed
 
     def holds(self, now_ns: int) -> bool:
-        """Tell whether the rule is fired, and its last value is not older than the longest break."""
+        """Tell whether the rule has fired and is not armed again, and its variable still gets values."""
         return not self.armed and now_ns - self.seen_ns <= self.longest_break_ns
 
     def _is_beyond(self, value: float) -> bool:
@@ -76,7 +76,7 @@ class _Watch:
 
 
 class PhaseRequests:
-    """The phase requests of the modules of one PE."""
+    """Makes the phase requests of one PE: those of its modules, and those of phase rules."""
 
     def __init__(self, index: TableIndex, faults: Faults) -> None:
         self._index, self._faults = index, faults
@@ -136,9 +136,9 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, watch=None)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Return the frames that send the standing request to the manager of a new term.
+        """Return the frames that repeat the last request for the manager of a new term.
 
-        None are needed while the request is pending: `Faults` repeats it anyway.
+        None are needed while the request is not acknowledged, since it is being repeated anyway.
         """
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

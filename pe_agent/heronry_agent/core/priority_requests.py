@@ -17,7 +17,7 @@ from heronry_wire.frame import Frame
 
 
 class PriorityRequests:
-    """The priority requests of the modules of one PE."""
+    """Makes the priority requests of the modules of one PE."""
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults
@@ -41,5 +41,8 @@ class PriorityRequests:
             self._faults.withdraw_priority(function)
 
     def new_mastership(self, now_ns: int) -> list[Frame]:
-        """Return the frames that send the standing requests to the manager of a new term, except pending ones."""
+        """Return the frames that repeat the requests of running modules for the manager of a new term.
+
+        None are needed for requests that are not acknowledged, since they are being repeated anyway.
+        """
         return [frame for function in self._standing for frame in self._faults.repeat_priority(function, now_ns)]

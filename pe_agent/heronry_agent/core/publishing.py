@@ -30,7 +30,7 @@ _VALID = {version: pack_status(Status(version, Validity.VALID)) for version in r
 
 
 class Publisher:
-    """Makes data and echo frames."""
+    """Makes the data frames and output echoes of one PE, with their message codes."""
 
     def __init__(self, index: TableIndex) -> None:
         self._index = index
@@ -73,7 +73,7 @@ class Publisher:
         return frame
 
     def heard(self, frame: Frame) -> tuple[str, float] | None:
-        """Decode an output echo into (device, value); None if it is not that of a device of the PE that sent it."""
+        """Decode another PE's output echo into (device, value); None if it shows no device of the PE that sent it."""
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None

@@ -64,8 +64,8 @@ class Bucket:
 class Waiting:
     """A frame in the queue, and what decides when it is sent or dropped.
 
-    key: of its kind; a newer frame with the same key replaces it.
-    order: frames of one identifier are sent in this order.
+    key: a newer frame with the same key replaces this one.
+    order: of frames with one identifier, that with the lowest order is sent first.
     until_ns: time in ns after which the frame is dropped.
     bits: worst-case length of the frame.
     """
@@ -153,7 +153,10 @@ class RadioQueue:
 
 
 def is_patient(frame: Frame) -> bool:
-    """Tell whether a frame is a command that has the same effect when it comes late (it names its epoch, say)."""
+    """Tell whether a frame is a command that still has its effect when it comes late.
+
+    These are all commands but LEASE, ALIVE, PING and TAG.
+    """
     return classify(frame.can_id).command in _PATIENT_COMMANDS
 
 

@@ -25,7 +25,7 @@ class Radios:
 
     @property
     def next_ns(self) -> int:
-        """Time in ns at which a radio needs a call of `passed`, if no event comes before."""
+        """Time in ns at which to call `passed`, if no event comes before."""
         due_ns = NEVER_NS
         for radio in self.ports.values():
             due_ns = min(due_ns, radio.next_ns)
@@ -38,10 +38,10 @@ class Radios:
             self._turn.out += radio.heard(frame, self._turn.now_ns)
 
     def passed(self, out: list[Action]) -> list[Action]:
-        """Queue those frames among the actions that go to radios; returns the other actions, and frames to send now.
+        """Take the frames to radios out of the actions and queue them; returns the actions that are to be executed now.
 
-        The age of a forwarded frame counts, so that a frame which waited during a pause of this process is not sent
-        late.
+        Among these are the frames that the queues send now. The age of a forwarded frame counts, so that a frame which
+        waited during a pause of this process is not sent late.
         """
         now_ns, passed = self._turn.now_ns, []
         for action in out:

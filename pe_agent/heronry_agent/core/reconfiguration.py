@@ -103,7 +103,7 @@ class Reconfiguration:
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def rest(self) -> Moves:
-        """Make the running expendable modules rest; returns them as modules to stop."""
+        """Stop the expendable modules that run, because no manager is heard; returns them as `Moves`."""
         stop = tuple(sorted(self.expendable_live()))
         for module in stop:
             del self.live[module]
@@ -111,7 +111,7 @@ class Reconfiguration:
         return Moves(stop)
 
     def resume(self) -> Moves:
-        """End the rest of all resting modules; returns them as modules to start."""
+        """Start the modules again that `rest` has stopped; returns them as `Moves`."""
         start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
         self.live.update(start)
         self.resting = frozenset()
@@ -132,7 +132,8 @@ class Reconfiguration:
     def forgive(self, modules: Iterable[int]) -> Moves:
         """Forget that these modules have failed; returns those to start now.
 
-        A held branch starts only at GO_ALL. An expendable module rests instead, if other modules rest now.
+        A DEMUX branch that waits for GO_ALL still waits. While other expendable modules are stopped because no manager
+        is heard, an expendable module is not started.
         """
         forgiven = self.failed.intersection(modules)
         self.failed -= forgiven
@@ -143,7 +144,7 @@ class Reconfiguration:
         return Moves(start=start)
 
     def validate(self) -> None:
-        """Check that each wanted module is in exactly one state; raises InvariantError."""
+        """Check that no module is in two states, such as running and failed; raises InvariantError."""
         live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
         require(live.items() <= wanted.items(), "modules {} run, but only {} are wanted", live, wanted)
         require(

@@ -39,7 +39,7 @@ class Facts(NamedTuple):
 
 
 class Reporting:
-    """Makes the state frames of one PE."""
+    """Makes the state frames of one PE, and decides when they are due."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
         """Plan the first frames for this node's next time slot.
@@ -58,7 +58,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
-        """Return the state frames whose time has come, with this content."""
+        """Return the state frames that are due, with this content."""
         sends = []
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
@@ -96,7 +96,7 @@ class Reporting:
         return self._said(port, None, page.encode())
 
     def _said(self, port: int, beat: int | None, data: bytes) -> Send:
-        """Make the frame of a page; with a key it has a tag in place of the digest (0 except on the uplink)."""
+        """Make the frame of a page; with a key the digest is replaced by a tag (on the uplink) or by 0 (elsewhere)."""
         if self._seal is not None:
             said, digest = split_state(data)
             data = joined_state(said, self._seal(beat, said, digest) if port == self._uplink else 0)

@@ -69,7 +69,7 @@ class Restarts:
         self._find_next()
 
     def due(self, now_ns: int) -> list[int]:
-        """Return the modules to restart now; the caller restarts them."""
+        """Return the modules whose restart is due, and forget these restarts."""
         if now_ns < self.next_ns:
             return []
         found = sorted(module for module, at_ns in self._begin_ns.items() if at_ns <= now_ns)

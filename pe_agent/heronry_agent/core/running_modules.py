@@ -110,7 +110,7 @@ class RunningModules:
         self._lacking: set[int] = set()  # modules whose code is not on this PE
 
     def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
-        """Stop, rewire and start modules; `wanted` is the new slice, None if the slice stays the same."""
+        """Stop and start modules as `moves` says; `wanted` is the new slice, None if the slice stays the same."""
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
@@ -132,7 +132,7 @@ class RunningModules:
 
     @property
     def exclusive_sources(self) -> frozenset[int]:
-        """Sources that this PE publishes, and that another PE publishes if the module moves there."""
+        """Sources that this PE publishes, and that another PE would publish if their module moved there."""
         return self._index.movable.intersection(self._publish)
 
     @property
@@ -147,7 +147,7 @@ class RunningModules:
         self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
 
     def release(self) -> None:
-        """Have every module compute a step whose time has come."""
+        """Begin the step of every module that is due."""
         now_ns = self._turn.now_ns
         for module in self.schedule.due(now_ns):
             until_ns = now_ns + self._index.lease_ns
@@ -194,7 +194,7 @@ class RunningModules:
         self._echo(echo or self._publisher.output_echo(event.module, running.mode))
 
     def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
-        """Restart or give up the modules to which a failure has happened."""
+        """Process a failure: each module that it concerns is restarted or given up."""
         match event:
             case StepFailed(module, release, reason, traceback):
                 if self.schedule.end(module, release, 0):
@@ -232,7 +232,7 @@ class RunningModules:
         )
 
     def _failed(self, module: int, failure: Failure, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
-        """Restart a module after a failure, or give it up after too many; `code` is for the report of the latter."""
+        """Restart a module after a failure; after too many failures, give it up and report `code`."""
         running = self._running.get(module)
         if running is None or module in self.restarts.waiting:
             return
@@ -259,7 +259,7 @@ class RunningModules:
         self._found(code, ElementKind.MODULE, module, 0)
 
     def repeat_faults(self) -> None:
-        """Send the pending EMCYs that are due again."""
+        """Send the reports again that are due and not acknowledged."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
     def lack(self, images: Collection[str]) -> None:
@@ -272,7 +272,7 @@ class RunningModules:
     def cleared(self, a: int, index: int) -> None:
         """Clear the faults of an element, as the operator commanded (CLEAR).
 
-        a: which element, and on which PE it is cleared. index: number of the element (`kind_and_place`).
+        a: kind of the element, and the PE on which it is cleared (`kind_and_place`). index: index of the element.
         A module whose code is not on this PE is reported again at once.
         """
         kind, place = kind_and_place(a)
@@ -287,9 +287,9 @@ class RunningModules:
         self._tell(self.phase_requests.entered(phase, self._turn.now_ns))
 
     def new_mastership(self) -> None:
-        """Send standing requests and faults again, because the manager of a new term may not know them.
+        """Send requests and uncleared faults again, because the manager of a new term may not know them.
 
-        A failed module starts again if its fault was cleared, and no later epoch has started it since.
+        A module that has failed starts again if its fault was cleared.
         """
         now_ns = self._turn.now_ns
         self._tell(self.phase_requests.new_mastership(now_ns))
@@ -341,14 +341,17 @@ class RunningModules:
         self._halt(module, keep=keep)
 
     def _halt(self, module: int, *, keep: bool = False) -> None:
-        """Stop stepping a module; with `keep` its state is kept, to go on in another mode."""
+        """Stop stepping a module, and drop its object; with `keep`, keep the object for another mode."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
         self._priority_requests.stopped(module)
         self._turn.out.append(StopModule(module, keep))
 
     def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
-        """Restart the modules of a partition that has ended; `culprit` has failed (None: every one of them)."""
+        """Restart the modules of a partition that has ended.
+
+        The module `culprit` (None: every module) counts as failed, and is given up after too many failures.
+        """
         for module in self._lived(partition):
             if culprit in (None, module):
                 self._failed(module, Failure(reason), code)

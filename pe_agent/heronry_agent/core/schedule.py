@@ -110,7 +110,7 @@ class Schedule:
         self._next_ns = None
 
     def stop(self, module: int) -> None:
-        """Remove a module from the schedule; a later answer to its last step is not accepted by `end`."""
+        """Remove a module from the schedule; an answer that comes later is not accepted by `end`."""
         grid = self._grids.pop(module, None)
         if grid is not None:
             self._forget(grid)
@@ -162,7 +162,7 @@ class Schedule:
         return True
 
     def again(self, module: int, release: int, now_ns: int) -> bool:
-        """Make a module due now, because its step was not computed; False as for `end`."""
+        """Make a module due now, because its step was not computed; False if `end` would return False."""
         grid = self._awaiting(module, release)
         if grid is None:
             return False
@@ -177,7 +177,7 @@ class Schedule:
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
-        """Return (module, release) of each step whose spent time is to be measured now."""
+        """Return (module, release) of each unanswered step whose duration is to be measured now."""
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns
@@ -213,13 +213,13 @@ class Schedule:
         return grid if step is not None and step.release == release else None
 
     def _forget(self, grid: _Grid) -> None:
-        """Drop the step of a module that has not been answered."""
+        """Forget the unanswered step of a module."""
         steps = self._steps.get(grid.partition, {})
         if steps.pop(grid.module, None) is not None and not steps:
             del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """Time in ns at which a module is stepped, if no other module answers before."""
+        """Time in ns at which a module is stepped if no module that it waits for answers before."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 

@@ -261,7 +261,10 @@ class SdoServer:
         return with_data(DOWNLOAD_ANSWER, index, sub_index)
 
     def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
-        """Write a complete value to its object, and end the transfer; returns `answer` as a message, or an abort."""
+        """Write a complete value to its object, and end the transfer.
+
+        Returns the command byte `answer` as a message, or an abort.
+        """
         refusal = self._objects.write(index, sub_index, data)
         if refusal is not None:
             return self._abort(index, sub_index, refusal)
@@ -421,10 +424,7 @@ class SdoServer:
 
 
 def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
-    """Tell whether the received data have the announced length (before the last segment: no more than that).
-
-    Without an announced length they may be as long as the object allows.
-    """
+    """Tell whether the received data are not too long and, with the last segment, not too short."""
     length = len(transfer.data)
     if transfer.length is None:
         return length <= transfer.room

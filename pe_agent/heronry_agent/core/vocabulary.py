@@ -47,7 +47,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StepFailed:
-    """A module raised an exception in its step; `reason` and `traceback` as in `Failure`."""
+    """A module raised an exception in its step; `reason` is one line, `traceback` the whole text."""
 
     module: int
     release: int
@@ -57,7 +57,7 @@ class StepFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartFailed:
-    """A module could not be built; `reason` and `traceback` as in `Failure`."""
+    """A module could not be built; `reason` is one line, `traceback` may be empty."""
 
     module: int
     reason: str

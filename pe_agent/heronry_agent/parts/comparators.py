@@ -25,7 +25,7 @@ _MOST_DETAIL = 0xFFFF
 
 
 class Comparator(Module):
-    """Base class of the three comparators; a subclass of these sets the attributes."""
+    """Base class of the three comparators, not to be used directly."""
 
     variable: ClassVar[str]
     output: ClassVar[str]

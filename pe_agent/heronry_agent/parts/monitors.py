@@ -22,7 +22,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class Monitor(Module):
-    """Base class of the two monitors; a subclass of these sets the attributes."""
+    """Base class of the two monitors, not to be used directly."""
 
     element: ClassVar[str]  # the element to report failed
     output: ClassVar[str]

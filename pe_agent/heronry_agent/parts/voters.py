@@ -22,7 +22,7 @@ _BLAMING = 3  # channels that must be present for a report
 
 
 class Voter(Module):
-    """Base class of the two voters; a subclass of these sets the attributes."""
+    """Base class of the two voters, not to be used directly."""
 
     channels: ClassVar[Mapping[str, str]]  # variable -> the element to report for it
     output: ClassVar[str]
@@ -51,7 +51,7 @@ class Voter(Module):
 
 
 class MedianVoter(Voter):
-    """Gives the median of the channels; a subclass sets the attributes."""
+    """Gives the median of its input channels; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float:
         """Return the median; of two values that differ, the one nearer to the last output."""
@@ -62,7 +62,7 @@ class MedianVoter(Voter):
 
 
 class MajorityVoter(Voter):
-    """Gives the value on which more than half of all channels agree; a subclass sets the attributes."""
+    """Gives the value on which more than half of its input channels agree; a subclass sets the attributes."""
 
     def choose(self, heard: list[float]) -> float | None:
         """Return the mean of the largest group of values that agree within `tolerance`; None if it is no majority."""

@@ -4,11 +4,9 @@ A turn of the loop:
 
 1. Wait until a frame has come, a deadline is due, or the program that started the agent has ended.
 2. Hand every frame that has come to the core, with its age, before any deadline: after a pause of this process old
-frames must
-   not count as new (protocol rule 6).
+   frames must not count as new (protocol rule 6).
 3. Hand the results of the partitions to the core, and then the deadline if it is due. Modules whose steps become due
-compute
-   in their partitions while the loop goes on.
+   compute in their partitions while the loop goes on.
 
 The kernel (or the hub of the software bus) filters out frames that the PE does not need at present: on a full bus, most
 of them.

@@ -24,7 +24,7 @@ class ModulePrints(TextIOBase):
         self._name = ""
 
     def of(self, name: str) -> None:
-        """Name the module that computes from now on; an unfinished line of another module is ended first."""
+        """Set the name for the lines that follow; an unfinished line of another module is ended first."""
         if name != self._name:
             self._end_line()
             self._name = name

@@ -32,7 +32,7 @@ _HERE = (__file__, find_image.__code__.co_filename)
 
 
 class Orders(NamedTuple):
-    """Name, image, mode and period (ns) with which a module is to run, and whether it has a device."""
+    """What is needed to build a module: the names of module, image and mode, and its period in ns."""
 
     name: str
     image: str
@@ -43,7 +43,7 @@ class Orders(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What one step of a module has given, in the form of `vocabulary.Stepped`."""
+    """What one step of a module has given; the fields are those of `vocabulary.Stepped`."""
 
     outputs: Mapping[str, Value]
     writes: tuple[Value, ...] = ()
@@ -123,7 +123,7 @@ class ModuleRunner:
         return None
 
     def start(self, module: int, orders: Orders, now_ns: int) -> Failure | None:
-        """Build a module, or continue a kept one in its new mode; returns None, or why that failed."""
+        """Build a module, or continue one that `stop` has kept in its new mode; returns None, or why that failed."""
         held = self._kept.pop(module, None)
         if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
             return None
@@ -139,7 +139,7 @@ class ModuleRunner:
         return None
 
     def stop(self, module: int, *, keep: bool = False) -> None:
-        """Drop the object of a module, or keep it for the next `start`; no effect if there is none."""
+        """Drop the object of a module; with `keep`, keep it, so that the next `start` can continue it."""
         self._kept.pop(module, None)
         held = self._running.pop(module, None)
         if keep and held is not None:
@@ -174,7 +174,7 @@ class ModuleRunner:
         return Result(dict(outputs), tuple(context.writes), *said)
 
     def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
-        """Call `mode_changed` of a kept module; tells whether its object goes on in the new mode."""
+        """Call `mode_changed` of a module that `stop` has kept; tells whether its object continues in the new mode."""
         code, context, _ = held
         context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
         try:

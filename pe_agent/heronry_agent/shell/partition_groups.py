@@ -57,7 +57,7 @@ class PartitionGroup:
 
 
 class PartitionGroups:
-    """The delegated group of the agent, divided into one group per partition."""
+    """Divides the control group of the agent into one group per partition."""
 
     def __init__(self, folder: str) -> None:
         """Move this process into a leaf of the group `folder`, and have memory counted per leaf; raises OSError."""

@@ -100,7 +100,7 @@ class PartitionHost:
         return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
-        """Execute an action of the core on a module or a device; returns the answer if it is known at once."""
+        """Execute an action of the core on a module or a device; returns its answer, None if none is known yet."""
         match action:
             case StepModule():
                 self._step(action, now_ns)
@@ -155,7 +155,7 @@ class PartitionHost:
         self._devices.make_all_safe(time.monotonic_ns())
 
     def close(self) -> None:
-        """Do as `abandon`, and wait until every process has ended."""
+        """End all partitions, make every device safe, and wait until every process has ended."""
         self.abandon()
         while self._ending:
             self._reap()

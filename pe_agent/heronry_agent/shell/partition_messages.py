@@ -63,7 +63,7 @@ class Load(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Order: build a module, or continue a kept one.
+    """Order: build a module, or continue the object that STOP has kept.
 
     leaves: (path, variable) of each leaf; an input in STEP names its leaf by the position in this tuple.
     """
@@ -107,7 +107,7 @@ class Loaded:
 
 @dataclass(frozen=True, slots=True)
 class StartRefused:
-    """Answer: a module could not be built; `reason` and `traceback` as in `Failure`."""
+    """Answer: a module could not be built; `reason` is one line, `traceback` may be empty."""
 
     module: int
     reason: str
@@ -115,7 +115,7 @@ class StartRefused:
 
 
 class Done(NamedTuple):
-    """Answer: a step has ended, at `ended_ns` of the monotonic clock."""
+    """Answer: a step has been computed; it ended at `ended_ns` of the monotonic clock."""
 
     module: int
     release: int
@@ -125,7 +125,7 @@ class Done(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """Answer: a step has failed; `reason` and `traceback` as in `Failure`."""
+    """Answer: a step has failed; `reason` is one line, `traceback` may be empty."""
 
     module: int
     release: int

@@ -55,7 +55,7 @@ class _PendingStep:
 
 
 class PartitionProcess:
-    """The process of a partition, from its exec to its end."""
+    """One partition as the agent sees it: a process, and the socket to it."""
 
     def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
         """Start the process; raises OSError.
@@ -93,7 +93,7 @@ class PartitionProcess:
 
     @property
     def computing(self) -> int | None:
-        """Module whose step is being computed; None if no step is unanswered."""
+        """Module whose step is being computed; None if the partition has answered all steps."""
         return self._pending[0].module if self._pending else None
 
     def send(self, order: Order) -> None:
@@ -128,8 +128,9 @@ class PartitionProcess:
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
         """Note the answer to a step; returns the time in ns that the step has spent.
 
-        None if this step is not the next one to be answered. ended_ns: when the step ended. period_ns: period of the
-        module; the time spent is exact only if it is longer.
+        Returns None if this is not the step that the partition has to answer next.
+        ended_ns: when the step ended.
+        period_ns: period of the module; for a shorter step the waiting for a processor is not subtracted.
         """
         if not self._pending or (self._pending[0].module, self._pending[0].release) != (module, release):
             return None
