@@ -40,7 +40,7 @@ class Datum(NamedTuple):
 
 
 class Inputs(Mapping[str, Datum]):
-    """The fresh inputs of one step, by variable; if several leaves read a variable, the datum of the best version.
+    """The fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
 
     `inputs.get("name")` is None for a variable that has no fresh datum; `inputs["name"]` raises KeyError.
     """
@@ -73,8 +73,8 @@ class Inputs(Mapping[str, Datum]):
     def leaf(self, path: str) -> Datum | None:
         """Return the datum at one leaf of the mode's `needs`; None if it is absent.
 
-        path: position of the leaf in the gate expression: "" (no gate), "0" (first operand), "0.1" (second operand of
-            it).
+        path: position of the leaf in the gate expression: "" (there is no gate), "0" (first operand), "0.1" (the second
+            operand of the first one).
         """
         found = self._by_leaf.get(path)
         return found[1] if found else None

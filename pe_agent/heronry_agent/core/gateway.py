@@ -4,7 +4,7 @@
                             content is new, else once in the heartbeat period of the far bus; SLICE only toward its node
     up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and the
                             reports of gateways there
-    data                    as the slice commands: each source from the node to the ports that the slice names
+    data                    the data of each source that the slice names, from its producing node to the named ports
 
 Some modules beyond the gateway may also run on the manager's side. Forwarding the data of such a module up is an
 exclusive output of this PE (protocol rule 6). The reason: a manager that considers this PE down considers all nodes

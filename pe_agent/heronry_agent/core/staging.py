@@ -88,7 +88,10 @@ class Staging:
         self.ask_ns = NEVER_NS  # when to report INCOMPLETE
 
     def prepare(self, command: Prepare, running: Configured) -> bool:
-        """Begin to collect the slice of the epoch that a PREPARE names; `running` is what runs here."""
+        """Begin to collect the slice of the epoch that a PREPARE names.
+
+        running: the configuration that runs here; it cannot be replaced by an older epoch.
+        """
         epoch = command.epoch
         if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
             self.reason = Reason.NONE
@@ -117,7 +120,10 @@ class Staging:
         return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
-        """Take the head of this PE's slice; `running` is what runs here."""
+        """Take the head of this PE's slice.
+
+        running: the configuration that runs here; if the head announces its slice, that is staged at once.
+        """
         collection = self._collection
         if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
             return self._is_about(command.epoch_low, self.staged.epoch)

@@ -21,7 +21,7 @@ class TableIndex:
     """Finds entries of a table by the indices and names that slices, modules and frames use."""
 
     def __init__(self, table: PeTable) -> None:
-        """Index a table; raises TableError where it contradicts itself."""
+        """Index a table; raises TableError if the table contradicts itself."""
         self.table = table
         self.node = table.node_id
         self.ports = range(len(table.ports))

@@ -115,7 +115,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Build a module and let it run in a mode (an index into `entry.modes`); a kept module may go on with its state."""
+    """Build a module and let it run in a mode (an index into `entry.modes`), or continue it if StopModule has kept it."""
 
     module: int
     entry: ModuleEntry

@@ -35,7 +35,7 @@ class DeviceDriverError(HeronryError):
 def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
     """Find an installed driver by its name; raises DeviceDriverError.
 
-    Returns the callable that `heronry_agent.device` describes.
+    Returns a callable that takes the take-off time of the simulated flight in ns, and returns the DeviceDriver.
     """
     offered = entry_points(group=_GROUP)
     if name not in offered.names:
