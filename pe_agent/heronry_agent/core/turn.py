@@ -1,4 +1,4 @@
-"""The present call of the core: its time, and the actions and state pages that parts of the agent have requested so far.
+"""The present call of the core: its time, and the actions and state pages that the parts have requested so far.
 
 All parts of the agent share this object, so that the time and the list of actions need not be passed through every
 call. A part that has changed something which the state frames report requests a state page; the core sends each

@@ -115,7 +115,7 @@ class DriveFailed:
 
 @dataclass(frozen=True, slots=True)
 class StartModule:
-    """Build a module and let it run in a mode (an index into `entry.modes`), or continue it if StopModule has kept it."""
+    """Build a module and let it run in a mode (an index into `entry.modes`), or continue it if StopModule kept it."""
 
     module: int
     entry: ModuleEntry
