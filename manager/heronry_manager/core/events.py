@@ -59,7 +59,7 @@ KINDS: Mapping[str, str] = {
     "attacked": "bus, percent, frames_per_s: forged frames take a tenth of the manager's bus or more",
     "outputs_held": "pe, modules, cause: a PE holds exclusive outputs back for longer than T_lease",
     "outputs_free": "pe, for_ns: the PE no longer holds them back",
-    "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: this epoch runs",
+    "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped: it runs",
     "control_paths": "epoch, plants {name: on_path, open, unmoved or unseen}: which control loops this epoch closes",
     "script_taken": "reason: a script of the operator is accepted: its configuration is deployed, and held",
     "script_refused": "reason: a script of the operator changes nothing",
