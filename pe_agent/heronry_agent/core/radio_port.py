@@ -55,7 +55,7 @@ class RadioPort:
         self._moved = True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers."""
+        """Drop the unsent frames with these CAN identifiers."""
         self._queue.withdraw(identifiers)
 
     def left(self, took_ns: int) -> None:

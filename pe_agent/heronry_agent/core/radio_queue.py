@@ -122,7 +122,7 @@ class RadioQueue:
             self.dropped += 1
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
-        """Withdraw the frames that wait under these identifiers."""
+        """Drop the waiting frames with these CAN identifiers."""
         self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
 
     def take(self, now_ns: int) -> Waiting | None:

@@ -33,7 +33,7 @@ class BootCount:
     """Gives the boot counts of one PE."""
 
     def __init__(self, folder: Path | None, node: int, tell: Callable[[str], None]) -> None:
-        """Keep the reserve in `folder`; None: no file, and a random first count.
+        """Remember the counts of this node in a file of `folder`; None: there is no file, and the first count is random.
 
         tell: called with a sentence when the disk fails, and when it works again; perhaps by another thread.
         """
@@ -56,7 +56,7 @@ class BootCount:
         return self._count
 
     def close(self) -> None:
-        """Stop trying to write the reserve."""
+        """Stop the thread that writes the file."""
         self._ended.set()
 
     def _first(self) -> int:
@@ -74,7 +74,7 @@ class BootCount:
         return (count + randbelow(_COUNTS - 1)) % _COUNTS  # not the one that the disk has
 
     def _left(self) -> int:
-        """How many counts may be used before the reserve must be written again; 0 if there is none on the disk."""
+        """How many counts may be used before the file must be written again; 0 if it could not be written."""
         assert self._count is not None
         left = 0 if self._reserved is None else (self._reserved - self._count) % _COUNTS
         return left if left <= RESERVE else 0
@@ -95,7 +95,7 @@ class BootCount:
             self._writer.start()
 
     def _keep_writing(self) -> None:
-        """Write the reserve, again and again until it is on the disk and far enough ahead of the counts in use."""
+        """Write the file, again and again until it covers enough counts beyond those in use."""
         while self._left() <= RESERVE // 2:
             is_put = self._put()
             self._tried.set()
