@@ -33,7 +33,7 @@ class BootCount:
     """Gives the boot counts of one PE."""
 
     def __init__(self, folder: Path | None, node: int, tell: Callable[[str], None]) -> None:
-        """Remember the counts of this node in a file of `folder`; None: there is no file, and the first count is random.
+        """Keep the counts in a file of `folder`; None: there is no file, and the first count is random.
 
         tell: called with a sentence when the disk fails, and when it works again; perhaps by another thread.
         """
