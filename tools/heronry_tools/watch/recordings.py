@@ -127,9 +127,9 @@ def events_of_log(spec: Spec, frames: list[LoggedFrame], key: Key | None, name: 
 
 
 def _buses(spec: Spec, frames: list[LoggedFrame]) -> dict[str, str]:
-    """Give the bus of each channel of a log: the bus of the same name.
+    """Give the bus of each channel of a log.
 
-    If the log has one channel, the manager's bus.
+    It is the bus of the same name. If the log has only one channel, it is the manager's bus.
     """
     channels = list(dict.fromkeys(frame.channel for frame in frames))
     if len(channels) == 1 and channels[0] not in spec.buses:

@@ -165,9 +165,10 @@ class Outage:
 
 @dataclass(frozen=True, slots=True)
 class Reconfiguration:
-    """A complete reconfiguration. `moved`, `started` and `stopped` name modules.
+    """A complete reconfiguration.
 
-    `lost`, `gained` and `kept` functions.
+    `moved`, `started` and `stopped` name modules. `lost`, `gained` and `kept` name functions that were served before,
+    are served now, or both.
     """
 
     number: int  # from 1, in the order of the feed

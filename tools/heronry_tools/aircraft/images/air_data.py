@@ -77,7 +77,7 @@ class AirData(Module):
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the airspeeds in m/s.
 
-        Nothing without the pitot's pressure, no true airspeed without static pressure.
+        Nothing is published without the pitot's pressure, and no true airspeed without the static pressure.
         """
         differential = number(inputs, "differential_pressure")
         if differential is None:

@@ -49,7 +49,10 @@ class Pid:
         self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
 
     def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
-        """Give the output for an error (demanded minus present angle) and a present rate."""
+        """Give the angle of the surface in degrees, before its limits, for an error of attitude and a present rate.
+
+        error_deg: demanded minus present angle. gain: a factor for the whole output.
+        """
         quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
         return held(quick + self.integral * self._sum_deg_s, self.limit_deg)
 

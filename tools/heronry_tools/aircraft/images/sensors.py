@@ -191,7 +191,7 @@ class CommandReceiver(SensorDriver):
     device = "command_receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give 1 for any number but 0."""
+        """Give both commands, each as 0 or 1; None if the reading is not a pair."""
         if not isinstance(raw, tuple) or len(raw) != 2:
             return None
         return {"release_command": int(raw[0] != 0), "cutdown_command": int(raw[1] != 0)}
@@ -209,5 +209,5 @@ class ChuteReceiver(SensorDriver):
     device = "receiver"
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
-        """Give 1 for any number but 0."""
+        """Give the command as 0 or 1; None if the reading is not a number."""
         return {"release_command": int(raw != 0)} if isinstance(raw, (int, float)) else None

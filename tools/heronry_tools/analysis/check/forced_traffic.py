@@ -85,7 +85,10 @@ def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _
 
 
 def _needed(needs: Expression | None) -> dict[str, _Versions]:
-    """Give the variables without which a gate expression cannot hold, each with its best and worst useful version."""
+    """Give the variables without which a gate expression cannot hold.
+
+    Each has the best and the worst version that the expression accepts.
+    """
     if needs is None:
         return {}
     if isinstance(needs, Leaf):

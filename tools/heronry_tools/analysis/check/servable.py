@@ -118,9 +118,9 @@ class Planning:
     def survives(
         self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
     ) -> Configuration | None:
-        """Give a configuration that an earlier question has found and that serves the functions without `down`.
+        """Give a configuration of an earlier answer that still serves these functions with these elements down.
 
-        least: as in `all_at_once`. Returns None where no known configuration does so.
+        least: as in `all_at_once`. Returns None where no earlier answer has one.
         """
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))

@@ -46,7 +46,7 @@ class Subject:
     def critical_plants(self) -> frozenset[str] | None:
         """Give the plants that must be on a control path: those of class A and B of a spec.
 
-        None for a graph of a file.
+        A graph that was read from a file has no classes; then the result is None.
         """
         if self.planned is None:
             return None

@@ -47,7 +47,7 @@ def mermaid(graph: Graph) -> str:
 
 
 def mermaid_node(number: str, node: Node, look: str) -> str:
-    """Write one symbol, with the name of its class if it has one."""
+    """Write one symbol under its number; `look` is the name of its style class, or empty."""
     before, after = _BRACKETS[node.kind]
     return f'  {number}{before}"{"<br/>".join(_words(node))}"{after}{f":::{look}" if look else ""}'
 

@@ -50,7 +50,7 @@ class Line:
     def offer(self, client: int, offered: BusFrame) -> None:
         """Let a client contend for the bus with a frame, from `offered.time_ns` on.
 
-        No other frame of it may be pending.
+        The client may offer its next frame when this one has left the bus.
         """
         self._offers[client] = (arbitration_key(offered.frame), offered)
 

@@ -109,7 +109,11 @@ class TopApp(App[None]):
         self._waits_on: set[int] = set()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Disable keys: most of them under a page or in the filter, and those of a recording in a live source."""
+        """Tell whether a key works now.
+
+        While a page or the filter is open, the keys of the panels do not. Keys for a recording work only in a
+        recording.
+        """
         del parameters
         if isinstance(self.screen, Reading) or isinstance(self.focused, Input):
             return action not in _OWN_ACTIONS
