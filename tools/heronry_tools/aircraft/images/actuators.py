@@ -65,19 +65,19 @@ class ReportingElevatorServo(ElevatorServo):
 
 
 class LimitedElevatorServo1(SurfaceServo):
-    """The elevator servo of the first of three paths; each path limits its demand before the servo."""
+    """The elevator servo of the first of three redundant paths; its demand is limited before it."""
 
     demand = "servo_demand_1"
 
 
 class LimitedElevatorServo2(SurfaceServo):
-    """The elevator servo of the second path."""
+    """The elevator servo of the second of three redundant paths."""
 
     demand = "servo_demand_2"
 
 
 class LimitedElevatorServo3(SurfaceServo):
-    """The elevator servo of the third path."""
+    """The elevator servo of the third of three redundant paths."""
 
     demand = "servo_demand_3"
 

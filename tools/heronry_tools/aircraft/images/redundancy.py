@@ -60,19 +60,19 @@ class ElevatorLimiter(RateLimiter):
 
 
 class ElevatorLimiter1(ElevatorLimiter):
-    """The limiter of the first of three paths; each path limits the demand for a servo of its own."""
+    """The limiter of the first of three redundant paths, each to an elevator servo of its own."""
 
     output = "servo_demand_1"
 
 
 class ElevatorLimiter2(ElevatorLimiter):
-    """The limiter of the second path."""
+    """The limiter of the second of three redundant paths."""
 
     output = "servo_demand_2"
 
 
 class ElevatorLimiter3(ElevatorLimiter):
-    """The limiter of the third path."""
+    """The limiter of the third of three redundant paths."""
 
     output = "servo_demand_3"
 

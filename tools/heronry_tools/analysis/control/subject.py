@@ -40,7 +40,10 @@ class Subject:
     planned: Planned | None = None
 
     def first_side(self) -> str | None:
-        """Give the side that keeps most leaves in a cut: that of the manager in a spec; None for a graph of a file."""
+        """Give the side that is to keep most leaves in a cut: for a spec the manager's side.
+
+        A graph that was read from a file has none; then the result is None.
+        """
         return managers_side(self.planned.spec) if self.planned is not None else None
 
     def critical_plants(self) -> frozenset[str] | None:

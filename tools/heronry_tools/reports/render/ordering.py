@@ -17,7 +17,7 @@ _SWEEPS = 24
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A piece of edges between neighbouring columns; its ends are symbols or way-points."""
+    """A piece of one or more edges, from one column to the next; its ends are symbols or way-points."""
 
     source: str
     target: str

@@ -49,7 +49,7 @@ def _module(node: Node, box: Box) -> Iterator[str]:
 
 
 def _small(node: Node, box: Box) -> Iterator[str]:
-    """Draw a symbol, with its name below it where it has one."""
+    """Draw a symbol that is not a module, with its name below it where it has one."""
     x, y, width, height = _body_x(box), box.y, box.shape.body_width, box.shape.body_height
     middle, level = x + width // 2, y + height // 2
     inside = node.label

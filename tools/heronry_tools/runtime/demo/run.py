@@ -140,7 +140,10 @@ class Show:
             self._emit("stood_still", by="the demo", for_ns=late.for_ns, times=self._standstills.long_times)
 
     def _over(self) -> bool:
-        """Tell whether the time is up and nothing is awaited (`_awaited`), or the extra time for that is up, too."""
+        """Tell whether the demo may end: the time is up, and nothing is awaited any more.
+
+        What is still awaited (`_awaited`) gets GRACE_S more.
+        """
         if self._start_ns is None or self._show_s() < self._seconds:
             return False
         awaited = self._awaited()
