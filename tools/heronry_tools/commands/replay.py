@@ -119,7 +119,7 @@ def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Na
 
 
 def _stretched(own: "Spec", flown: "Spec") -> str | None:
-    """Say that the flight had a longer heartbeat than the spec's; None where it had not."""
+    """Give a sentence if the flight had a longer heartbeat period than the spec; else None."""
     from heronry_tools.sim.replay.flown_heartbeat import period_ns  # noqa: PLC0415
 
     if flown is own:

@@ -94,7 +94,7 @@ class SoftBus(can.BusABC):
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
     def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
-        """Make the bus as bad as a radio, for all clients until the next call; without arguments as good as a wire.
+        """Make the bus as bad as a radio, for all clients, until the next call; without arguments as good as a wire.
 
         slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
         """
