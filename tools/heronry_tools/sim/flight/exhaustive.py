@@ -134,7 +134,7 @@ def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
-    """Return `count` cases with two frame faults each, which are drawn from the cases of one story."""
+    """Yield `count` random cases with two frame faults each, both from `cases` of the same story."""
     random = Random(f"pairs of {seed}")
     by_story: dict[str, list[FrameFault]] = {}
     for case in cases:

@@ -28,9 +28,7 @@ class Truth:
 
     @property
     def situation(self) -> Situation:
-        """Return the elements that are down, the phase requested last, and the priorities that the
-        manager announces.
-        """
+        """Return the elements that are down, the phase requested last, and the priorities in force."""
         excused = {
             element
             for element, t_ns in self._checks.reported.items()

@@ -69,7 +69,7 @@ class Observations:
         }
 
     def see(self, t_ns: int, frame: Frame) -> None:
-        """Take a frame on the managers' bus; `t_ns` is its end."""
+        """Record what a frame on the managers' bus shows; `t_ns` is the end of the frame."""
         if frame.extended or frame.remote:
             return
         variable = self._variables.get(frame.can_id)

@@ -42,7 +42,11 @@ class DiagnosticClient:
         running: Callable[[], Mapping[str, str]],
         wrong: Callable[[str], None],
     ) -> None:
-        """running: gives the modules planned on the PE, with their modes. wrong: called with a wrong answer."""
+        """Begin the inspection of the PE with this table.
+
+        running: returns the modules planned on the PE, with their modes
+        wrong: is called with a sentence when the PE has given a wrong answer
+        """
         self._clock, self._bus, self._table, self._wrong = clock, bus, table, wrong
         self._node = table.node_id
         self._heard = Heard()
