@@ -50,7 +50,7 @@ class Wind:
     aloft: Sequence[tuple[float, float, float]] = field(default=())
 
     def at(self, height_m: float) -> tuple[float, float]:
-        """Return the velocity of the air at a height above the ground: its components to north and to east."""
+        """Return the mean velocity of the air at a height above the ground: to north and to east, in m/s."""
         feet = height_m / M_PER_FT
         speed = self.speed_m_per_s * _profile(min(feet, _LAYER_FT))
         if feet <= _LAYER_FT or not self.aloft:
@@ -95,7 +95,7 @@ def intensities_m_per_s(height_m: float, wind_20ft_m_per_s: float) -> tuple[floa
 
 
 class Turbulence:
-    """Gusts of one flight; equal seeds give equal gusts."""
+    """Gusts of one flight; equal seeds give equal gusts. Steps must follow each other in time."""
 
     def __init__(self, seed: int, wind_20ft_m_per_s: float) -> None:
         self._wind = wind_20ft_m_per_s

@@ -18,8 +18,8 @@ FIRST_BLOW_S, LAST_BLOW_S = 4.0, 34.0  # of a drawn fault: on final, after the l
 class Drawn:
     """Makes one mission for each seed.
 
-    mission: what all these missions have in common
-    one_fault: each mission gets one random fault, as of `drawn_blow`
+    mission: the mission, whose seed is replaced
+    one_fault: whether each mission gets one more fault, from `drawn_blow`
     """
 
     mission: Mission
@@ -86,7 +86,7 @@ def line(landing: Landing) -> str:
 
 
 def figures(found: dict[str, Any]) -> str:
-    """Return lines with the statistics that `summary` has made."""
+    """Return text with the statistics that `summary` has made."""
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
     lines = [
         share_line(found),
@@ -103,6 +103,9 @@ def figures(found: dict[str, Any]) -> str:
 
 
 def latency_line(found_s: Sequence[float]) -> str:
-    """Return a line with the latency from sensor to servo, whose median and 99 % quantile are given in s."""
+    """Return a line on the latency from sensor to servo.
+
+    found_s: its median and its 99 % quantile, in s.
+    """
     middle, most = (1000.0 * value for value in found_s)
     return f"from sensor to servo: median {middle:.1f} ms, 99 % within {most:.1f} ms"

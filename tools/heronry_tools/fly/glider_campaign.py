@@ -12,9 +12,9 @@ from heronry_tools.fly.glider_mission import GliderLanding, GliderMission, drawn
 
 
 def missions(spec: Spec, first: GliderMission, runs: int, *, one_fault: bool) -> list[GliderMission]:
-    """Return `runs` missions like `first`, with its seed and the seeds that follow.
+    """Return `runs` missions that differ from `first` in their seeds, which count up from that of `first`.
 
-    one_fault: each mission gets one random fault
+    If `one_fault` is True, each mission also gets one random fault.
     """
     found = [replace(first, seed=seed) for seed in range(first.seed, first.seed + runs)]
     if not one_fault:
@@ -58,7 +58,7 @@ def line(landing: GliderLanding) -> str:
 
 
 def figures(found: dict[str, Any]) -> str:
-    """Return lines with the statistics that `summary` has made."""
+    """Return text with the statistics that `summary` has made."""
     causes = ", ".join(f"{cause} {count}" for cause, count in found["causes"].items()) or "none"
     kept = found["kept"]
     return (

@@ -40,7 +40,7 @@ class GliderMission:
     longest_s: float = 9_000.0
 
     def wind(self) -> Wind:
-        """Return the wind that the seed draws: aloft from the west, at the ground from within 60 degrees of west."""
+        """Return the wind that the seed draws: aloft nearly from the west, at the ground within 60 degrees of it."""
         chance = Random(f"{self.seed} wind")
         speed, from_deg = chance.uniform(0.0, self.strongest_wind_m_per_s), chance.uniform(210.0, 330.0)
         stream_deg = chance.uniform(250.0, 290.0)

@@ -33,9 +33,9 @@ class Happenings:
 
     @property
     def reconfigured_after_s(self) -> float | None:
-        """Return the time from the first fault to the next active configuration.
+        """Return the time from the first fault to the next active configuration, in s.
 
-        None as long as one of them is missing.
+        Return None if there was no fault, or no configuration since.
         """
         struck_s = self.struck_s
         if struck_s is None:
@@ -53,7 +53,10 @@ class Happenings:
                 self._inject(blow)
 
     def note(self, begin_ns: int) -> None:
-        """Record the manager's events since the last call; `begin_ns` is the simulator's time when the flight began."""
+        """Record the manager's events since the last call of this method.
+
+        begin_ns: time of the simulator at which the flight began.
+        """
         events = self._simulation.events
         for event in events[self._seen_events :]:
             self._note(event, max(event["t_ns"] - begin_ns, 0) / NS_PER_S)

@@ -28,7 +28,10 @@ class LatencyProbe:
         self._before_deg: float | None = None
 
     def offset_deg_per_s(self, sampled_ns: int) -> float:
-        """Return what the inertial unit must add to the pitch rate of a sample taken at `sampled_ns`."""
+        """Return what is added to the true pitch rate in a sample of the inertial unit.
+
+        sampled_ns: time of the sample.
+        """
         if sampled_ns >= self._next_ns:
             self.unanswered += self._since_ns is not None
             self._is_up, self._since_ns = not self._is_up, sampled_ns
@@ -36,7 +39,7 @@ class LatencyProbe:
         return STEP_DEG_PER_S if self._is_up else 0.0
 
     def commanded(self, device: str, value: Value, now_ns: int) -> None:
-        """Take note of a command to an actuator; the first changed elevator command after a step gives one latency."""
+        """Read a command to an actuator; the first changed elevator command after a step gives a latency."""
         if not device.startswith("elevator") or not isinstance(value, (int, float)):
             return
         before_deg, self._before_deg = self._before_deg, float(value)

@@ -56,9 +56,9 @@ class Observer:
         return None if management is None else LABELS[management.management.stage]
 
     def mode(self) -> str | None:
-        """Return the mode of the flight management, which tells how good a position the plan supplies.
+        """Return the mode of the flight management; None if it does not run.
 
-        None if it does not run.
+        The mode tells how good a position the plan supplies.
         """
         management = self.management()
         return None if management is None else management.ctx.mode

@@ -150,9 +150,9 @@ class Recorder:
         self._structure.update(name for name in truth.touching if not is_wheel(name))
 
     def state(self, time_s: float, kind: StretchKind, subject: str, label: str | None) -> None:
-        """Start a stretch with a new label and end the subject's last one; with `label` None only end it.
+        """Record that the subject has the state `label` from now on; None: it has no state any more.
 
-        The label of the running stretch has no effect.
+        This ends the subject's stretch before. If the label is the same as before, the stretch goes on.
         """
         before = self._states.get((kind, subject))
         if before is not None:

@@ -37,7 +37,7 @@ class SensorError:
 
     @property
     def slow(self) -> float:
-        """Return bias plus drift of the last sample, without its noise."""
+        """Return the bias plus the drift at the last sample, without the noise."""
         return self.bias + self._drift
 
     def sample(self) -> float:

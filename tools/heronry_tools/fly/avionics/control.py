@@ -25,13 +25,13 @@ _SLOWEST_M_PER_S = 11.0
 
 
 def trim_alpha_deg(airspeed_m_per_s: float) -> float:
-    """Return the angle of attack of straight flight at an airspeed."""
+    """Return the angle of attack of the EAV in straight flight at an airspeed."""
     flow = 0.5 * _AIR_KG_PER_M3 * max(airspeed_m_per_s, _SLOWEST_M_PER_S) ** 2
     return math.degrees((_MASS_KG * _G / (flow * _AREA_M2) - _LIFT_AT_ZERO) / _LIFT_PER_RAD)
 
 
 def angle_deg(value_deg: float) -> float:
-    """Return the equal angle within -180..180 degrees."""
+    """Bring an angle into the range -180..180 degrees by whole turns."""
     return math.remainder(value_deg, 360.0)
 
 
@@ -51,7 +51,7 @@ class _Loop(Module):
 
 
 class VerticalSpeedControl(_Loop):
-    """Pitch command from vertical speed: trimmed angle of attack, plus path angle, plus feedback of the error."""
+    """Computes the pitch command from the vertical speed: trimmed angle of attack, path angle, feedback."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the pitch command; without a measured airspeed, assume the reference airspeed."""
@@ -66,7 +66,7 @@ class VerticalSpeedControl(_Loop):
 
 
 class PitchControl(_Loop):
-    """Elevator command from pitch.
+    """Computes the elevator command from the pitch.
 
     Without a pitch command, the loop holds the pitch of level flight at reference speed.
     """
@@ -82,7 +82,7 @@ class PitchControl(_Loop):
 
 
 class CourseControl(Module):
-    """Roll command from the error of the course over ground."""
+    """Computes the roll command from the error of the course over ground."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the roll command: at most 25 degrees, and 8 degrees in the flare and its transition."""
@@ -96,7 +96,7 @@ class CourseControl(Module):
 
 
 class RollControl(Module):
-    """Aileron command from roll; without a roll command, the loop holds the wings level."""
+    """Computes the aileron command from the roll; without a roll command, the loop holds the wings level."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the aileron command."""
@@ -107,7 +107,7 @@ class RollControl(Module):
 
 
 class YawDamper(Module):
-    """Rudder command against the yaw rate, as far as it differs from that of a coordinated turn at this bank."""
+    """Computes the rudder command from the yaw rate, less the yaw rate of a coordinated turn at this bank."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the rudder command."""
@@ -119,7 +119,7 @@ class YawDamper(Module):
 
 
 class AirspeedControl(_Loop):
-    """Throttle command from airspeed; an airspeed command of 0 closes the throttle."""
+    """Computes the throttle command from the airspeed; an airspeed command of 0 closes the throttle."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the throttle command."""

@@ -146,7 +146,7 @@ class _Servo(Module):
         self._command: float | None = None
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Send the present command to the servo; without one, repeat the last command."""
+        """Command the servo to what its inputs demand; without a demand, repeat the last command."""
         demand = number(inputs, self.demand)
         if demand is not None:
             self._command = held(demand, self.limit)
@@ -184,7 +184,7 @@ class PanTilt(Module):
     """Drives the rover's head in the commanded direction."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Send the commanded direction to the head, if there is one."""
+        """Command the head to the direction that its inputs demand; without a demand, command nothing."""
         datum = inputs.get("head_demand")
         if datum is not None and isinstance(datum.value, tuple):
             self.ctx.write(datum.value)

@@ -63,7 +63,8 @@ class Situation:
     """What the flight management knows in one step.
 
     x_m, y_m, height_m: position in the runway's frame
-    headwind_m_per_s: headwind; 0 where it is not known
+    ground_speed_m_per_s: speed over ground
+    headwind_m_per_s: headwind; 0 if it is not known
     """
 
     x_m: float
@@ -83,7 +84,10 @@ class Commands:
 
 
 class FlightManagement:
-    """The stages of a landing without inputs and outputs of a module; the caller calls `step` once per period."""
+    """The sequence of stages of a landing, without the inputs and outputs of a module.
+
+    The caller calls `step` once per period.
+    """
 
     def __init__(self) -> None:
         self.stage = Stage.START
@@ -129,7 +133,7 @@ class FlightManagement:
 
 
 def _landing_point_m(now: Situation) -> float:
-    """Return the x at which a nominal glide slope from the present position meets the runway."""
+    """Return the x at which a descent from the present position, on the nominal slope, meets the runway."""
     return now.x_m + now.height_m / math.tan(math.radians(_NOMINAL_DEG))
 
 

@@ -42,7 +42,7 @@ Camera = tuple[float, float, float]
 
 
 class TrackingFilter:
-    """State and covariance of the filter; times are on the clock of the PE on which it runs."""
+    """An extended Kalman filter for the position; times are on the clock of the PE on which it runs."""
 
     def __init__(self, camera_m: Camera, start_m: Sequence[float], now_ns: int) -> None:
         """Begin at `start_m`, a position of the receiver with unknown bias; `camera_m` is the camera's position."""
@@ -59,7 +59,7 @@ class TrackingFilter:
         self.resets = 0
 
     def sigma(self, index: int) -> float:
-        """Return the standard deviation of a state, from the filter's own covariance."""
+        """Return the standard deviation of a state, as the filter estimates it."""
         return math.sqrt(max(self.covariance[index][index], 0.0))
 
     def advance(self, velocity_m_per_s: Sequence[float], now_ns: int) -> None:
@@ -117,7 +117,7 @@ class TrackingFilter:
             self.covariance[i][i] = _START_M2
 
     def _since(self, exposed_ns: int) -> tuple[float, float, float]:
-        """Return the way flown since a time, interpolated between remembered times."""
+        """Return the distance flown since a time along x, y and h, interpolated between remembered times."""
         later_ns, later = self._now_ns, self._way_m
         for time_ns, way in reversed(self._ways):
             if time_ns <= exposed_ns:
@@ -128,7 +128,7 @@ class TrackingFilter:
         return self._way_m[0] - later[0], self._way_m[1] - later[1], self._way_m[2] - later[2]
 
     def _expected(self, axis: int, since_m: tuple[float, float, float]) -> tuple[float, list[float]]:
-        """Return the angle that an image should show, and its derivatives by the states."""
+        """Return the angle that an image should show, and its derivative with respect to each state."""
         ahead = self._camera_m[0] - (self.state[X] - since_m[0])
         right = self.state[Y] - since_m[1] - self._camera_m[1]
         up = self.state[H] - since_m[2] - self._camera_m[2]

@@ -182,7 +182,10 @@ class BigBluePlant:
         """Do nothing: an actuator of this aircraft holds its position without a command."""
 
     def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
-        """Make a device fail: a failed charge or wire does not fire, a failed valve does not move."""
+        """Make a device fail as `how` says.
+
+        A charge or a burn wire that has failed does not fire; a valve that has failed does not move.
+        """
         self.advance(now_ns)
         if device in self.servos.pushes:
             self.servos.fail(device, how, offset)
@@ -196,7 +199,10 @@ class BigBluePlant:
 
     @property
     def world_s(self) -> float:
-        """Return the real time since the start; on the line it runs faster than the avionics' clock."""
+        """Return the time since the start in the plant, in s.
+
+        On the line it passes faster there than on the avionics' clock.
+        """
         return self._steps / STEPS_PER_S
 
     def truth(self) -> Truth:
@@ -266,7 +272,7 @@ class BigBluePlant:
         self._steps += 1
 
     def _shape(self, dt_s: float) -> float:
-        """Return the share of their full forces that the wings carry."""
+        """Return the share of their full forces that the wings carry, after a step of `dt_s`."""
         firm = min(self._pressure_hpa(self._now_ns()) / _FIRM_HPA, 1.0)
         if self._firm_s >= _CURES_S:
             return 1.0

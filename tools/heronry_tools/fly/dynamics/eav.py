@@ -210,7 +210,7 @@ class EavPlant:
     # The world
 
     def _trimmed(self) -> tuple[float, float]:
-        """Trim for level flight without wind; return the elevator's angle and the throttle of that flight."""
+        """Trim the aircraft for level flight without wind; return the elevator's angle and the throttle needed."""
         fdm = self._model.fdm
         fdm.do_trim(_FULL_TRIM)
         elevator_deg = fdm["fcs/pitch-trim-cmd-norm"] * FIRST_SURFACE_DEG["elevator"]

@@ -33,7 +33,7 @@ class Air(Protocol):
 
 
 class Model:
-    """One aircraft in JSBSim; a name without a unit has SI units and degrees."""
+    """One aircraft in JSBSim; quantities are in SI units and degrees unless a name says otherwise."""
 
     def __init__(self, aircraft: str, *, seed: int, models: Path = _MODELS) -> None:
         """Load the file `models`/aircraft/NAME/NAME.xml, where NAME is `aircraft`.
@@ -78,7 +78,7 @@ class Model:
         fdm["propulsion/engine[0]/set-running"] = 1
 
     def position_m(self) -> tuple[float, float, float]:
-        """Return the centre of gravity, to north, to east of and above the runway's aiming point."""
+        """Return the centre of gravity relative to the runway's aiming point: to north, to east, up."""
         fdm = self.fdm
         return (
             fdm["position/lat-geod-rad"] * _M_PER_RAD_NORTH,

@@ -94,7 +94,7 @@ class _Plant:
 
     @property
     def height_m(self) -> float:
-        """Return the height of the wheels."""
+        """Return the present height of the wheels above the runway."""
         return self._reader.newest().height_m
 
     def fail(self, device: str, how: str) -> None:

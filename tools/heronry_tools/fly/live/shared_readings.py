@@ -45,7 +45,7 @@ class Writer:
         self._file, self._unfinished = file, unfinished
 
     def write(self, snapshot: Snapshot) -> None:
-        """Make `snapshot` the newest one."""
+        """Write the readings of all devices; from then on readers get these."""
         readings = {name: value for name, value in snapshot.readings.items() if value is not None}
         form = [snapshot.time_ns, snapshot.height_m, readings, sorted(snapshot.refusing)]
         data = json.dumps(form, separators=(",", ":")).encode()
@@ -60,7 +60,7 @@ class Writer:
 
 
 class Reader:
-    """Reads the newest snapshot from the file."""
+    """Reads, from the file, the snapshot that was written last."""
 
     def __init__(self, file: Path) -> None:
         """Open the file; raises FileNotFoundError if the writer has not made it yet."""
@@ -69,7 +69,7 @@ class Reader:
         self._held: tuple[int, Snapshot] | None = None
 
     def newest(self) -> Snapshot:
-        """Return the newest snapshot."""
+        """Return the snapshot that was written last."""
         while True:
             (count,) = _HEAD.unpack_from(self._memory)
             if self._held is not None and self._held[0] == count:

@@ -292,9 +292,9 @@ def _stripes(record: FlightRecord, drawn: Panel, factor: float) -> Iterator[str]
 
 
 def _lanes(record: FlightRecord, reach: tuple[float, float], factor: float, top: float) -> tuple[list[str], float]:
-    """Draw a lane for each module, with the PE and mode in which it ran.
+    """Draw for each module a row that shows, over time, the PE and mode in which it ran.
 
-    Modules that never moved are left out where there are many.
+    If some modules have moved, changed or ended, only these get a row.
     """
     lanes: dict[str, list[Stretch]] = {}
     for stretch in record.stretches:

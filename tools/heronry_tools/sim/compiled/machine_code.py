@@ -116,7 +116,7 @@ def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -
 
 
 def compiled_folder() -> Path:
-    """Give the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
+    """Return the folder for the compiled form of these sources; raises UserError if mypy is not installed."""
     try:
         maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
     except PackageNotFoundError:
@@ -190,7 +190,7 @@ def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
 
 
 def sources() -> Iterator[Path]:
-    """Give the files to compile, relative to the folder that holds the packages."""
+    """Return the files to compile, relative to the folder that holds the packages."""
     for package, modules in _COMPILED.items():
         for module in modules.split():
             yield Path(*package.split("."), f"{module}.py")
@@ -215,9 +215,9 @@ def _copied() -> Iterator[tuple[str, Path]]:
 
 
 def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
-    """Run Python with the packages in `folder`, or with those of this process if `folder` is None.
+    """Run Python with the packages in `folder` (None: with those of this process), and return what it prints.
 
-    Raises UserError with the name `what` if Python fails.
+    Raises UserError if Python fails; the message begins with `what`.
     """
     own = os.environ if folder is None else environment(folder) | _COMPILER
     command, pipe = (sys.executable, *words), subprocess.PIPE
@@ -233,7 +233,10 @@ def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
 
 
 def _watched(what: str, process: "subprocess.Popen[str]") -> tuple[str, str]:
-    """Wait for the end of a process; on a terminal, show `what` and the time that the process has taken so far."""
+    """Wait for the end of a process, and return its standard output and standard error.
+
+    On a terminal, show `what` and the time that the process has taken so far.
+    """
     began_s = time.monotonic()
     while True:
         try:

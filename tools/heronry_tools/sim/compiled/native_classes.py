@@ -72,8 +72,8 @@ class _Field:
 def with_native_classes(source: str, often: Collection[str] = (), bases: Collection[str] = ()) -> str:
     """Return the source of a module after giving its dataclasses constructors that can be compiled.
 
-    often: classes that are created often; named tuples among these become such dataclasses. bases: classes from which
-    Python classes may derive.
+    often: classes that are created often; named tuples among these become dataclasses, too
+    bases: classes from which Python classes may derive
     """
     lines = source.splitlines()
     for node in reversed(ast.parse(source).body):

@@ -18,7 +18,7 @@ _LOSS = 0.001
 
 
 def main() -> None:
-    """Simulate all these flights, and print a line for each."""
+    """Simulate a fixed list of flights, and print a line with the digest of all frames for each."""
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):

@@ -85,7 +85,7 @@ class Denier:
     def __init__(
         self, clock: Clock, bus: SimulatedBus, random: Random, *, spec: Spec, kind: str, share_percent: int
     ) -> None:
-        """Begin to send; the forged frames take `share_percent` of the bus."""
+        """Begin to send forged frames of this kind, which take `share_percent` of the bus."""
         self._clock, self._bus, self._random = clock, bus, random
         self._share = share_percent / 100
         self._nodes = [pe.node_id for pe in spec.pes.values()]

@@ -59,9 +59,9 @@ _LAST = 0.9  # share of the flight in which faults are injected; a later one wou
 def drawn_faults(
     spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
 ) -> tuple[Fault, ...]:
-    """Draw the faults of a seed; times are in whole milliseconds.
+    """Draw the faults of a flight from its seed; times are in whole milliseconds.
 
-    kinds: the kinds to draw from; by default the seed draws these too
+    kinds: the kinds to draw from; if empty, the seed decides on the kinds, too
     of_two: whether there are two managers
     keyed: whether managers and PEs have a key
     """
@@ -111,7 +111,7 @@ def _more_often(name: str, *, of_two: bool) -> int:
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
-    """Tell whether a kind of fault is drawn only in flights with a key."""
+    """Tell whether a kind of fault may be drawn only in a flight with a key."""
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
@@ -137,7 +137,7 @@ def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
 
 
 def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
-    """Draw which of `pes` is lost, and by which fault."""
+    """Draw one of `pes` and the fault by which it is lost."""
     kind, lasts_ms = random.choice(leads)
     return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
 

@@ -335,7 +335,7 @@ def over_s(faults: Iterable[Fault]) -> float:
 
 
 def is_one_of_two(target: str) -> bool:
-    """Tell whether a target is one certain manager of two, which a flight with one manager does not have."""
+    """Tell whether a target is the primary or the standby manager, which exist only in a flight with two managers."""
     return MANAGERS.get(target) is not None
 
 

@@ -94,9 +94,9 @@ class ProtocolState:
         self._call_waiting()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
-        """Call `what` once in `state`, at `not_before_ns` or later.
+        """Call `what` once, when the protocol is in `state`, but not before `not_before_ns`.
 
-        If the state holds at that time, the call comes then; if not, when the state next begins.
+        If the protocol is in the state at that time, the call comes then; if not, when the state next begins.
         """
         self._waiting.append((state, not_before_ns, what))
         self._clock.at(not_before_ns, self._call_waiting)

@@ -51,7 +51,7 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
 
 
 def collect_seldom() -> None:
-    """Make garbage collection rare, and exempt the objects that exist now, since a flight makes little garbage."""
+    """Make garbage collection rare, and exempt the objects that exist now from it; this makes flights faster."""
     gc.freeze()
     gc.set_threshold(_COLLECTED_AFTER)
 
@@ -68,7 +68,7 @@ class Coverage:
         self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
 
     def add(self, outcome: Outcome) -> None:
-        """Add the injections, states and waivers of one flight."""
+        """Count the injections, entered states and waivers of one flight."""
         self.hits += outcome.hits
         self.entered += outcome.entered
         self._unverified_ns += outcome.unverified

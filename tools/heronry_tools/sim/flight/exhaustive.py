@@ -112,7 +112,7 @@ class Case:
 
 
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
-    """Return every event that can make this aircraft reconfigure, as the text of a story."""
+    """Return the text of every story: of every event that can make this aircraft reconfigure."""
     pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
     devices = [f"device:{device}" for device in spec.devices]
     there = {
@@ -193,7 +193,7 @@ def _read_frame_fault(victims: Sequence[str], text: str) -> FrameFault:
 
 
 def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
-    """Return the senders of the management frames of a story in order, in the spelling of `FrameFault.victim`."""
+    """Return the sender of each management frame of a story, in order, spelt as `FrameFault.victim`."""
     simulation = setup.take_off(spec)
     begin(simulation, story)
     seen: list[Sent] = []
@@ -211,7 +211,7 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
-    """Return the times at which a reconfiguration, or the admission of a PE to the running epoch, was complete."""
+    """Return the times at which a reconfiguration was complete, or a PE had been admitted to the running epoch."""
     told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
     admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
@@ -226,7 +226,10 @@ def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFau
 
 
 def _faults(story: str) -> tuple[Fault, ...]:
-    """Return the faults that make up a story; for the stories in `_BY_THEIR_END` it is the fault's end that counts."""
+    """Return the faults that cause the event of a story.
+
+    In stories that begin with "return" or "clear", by their end.
+    """
     what, _, target = story.partition(" ")
     match what:
         case "start" | "request":
@@ -250,7 +253,7 @@ def _faults(story: str) -> tuple[Fault, ...]:
 
 
 def begin(simulation: Simulation, story: str) -> Injections:
-    """Simulate to the beginning of a story, whose event happens as soon as the simulation continues."""
+    """Simulate up to the event of a story, which then happens as soon as the simulation continues."""
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
@@ -298,9 +301,9 @@ class _FrameFaultInjector:
         return [f"'{fault}' was not injected: {why}" for fault in self._frame_faults if fault not in self._done]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
-        """Inject the faults of a frame that no node has received yet.
+        """Inject the faults that belong to the frame `sent`, which no node has received yet.
 
-        Return how the bus must deliver it, None: normally.
+        Returns how the bus must deliver the frame; None if the bus delivers it as usual.
         """
         if classify(sent.frame.can_id).use not in _COUNTED:
             return None

@@ -33,7 +33,7 @@ _OF_A_STANDBY = (
 
 
 class Managers:
-    """All managers of a flight; `running` has those that are alive, by the number of their seat."""
+    """Both managers of a flight, or its only one; `running` has those that are alive, by the number of their seat."""
 
     def __init__(
         self,
@@ -86,8 +86,8 @@ class Managers:
     def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
         """Start the manager of a seat, with the journal on the seat's disk.
 
-        advise: whether the manager only advises. standby: whether it waits while another manager is active; by default
-        that is so if there are two managers.
+        advise: whether the manager only advises
+        standby: whether it waits while another manager is active; by default it does so if there are two managers
         """
         self.running[seat] = SimulatedManager(
             self._clock,
@@ -130,17 +130,14 @@ class Managers:
         self.see_active_manager()
 
     def see_active_manager(self) -> None:
-        """Report to `protocol` whether an active manager can be heard."""
+        """Tell `protocol` whether an active manager can be heard."""
         active_manager = (
             m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
         )
         self.protocol.set_active_manager(is_heard=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Keep an event of a manager.
-
-        While another manager is active, keep only events about the standby manager itself.
-        """
+        """Keep an event of the manager at a seat; of a standby manager keep only events about itself."""
         foremost = self.foremost
         self.see_active_manager()
         if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):

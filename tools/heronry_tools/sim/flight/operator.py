@@ -35,7 +35,7 @@ _AWAY = ("down", "returning")
 
 
 class Operator:
-    """Gives orders to the active manager, and remembers those that a later manager may have to get again."""
+    """Gives orders to the active manager, and keeps them so that it can repeat them to a later manager."""
 
     def __init__(self, spec: Spec, clock: Clock, managers: Managers, checks: Checks, truth: Truth) -> None:
         self._spec, self._clock = spec, clock

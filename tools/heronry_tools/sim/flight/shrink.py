@@ -37,9 +37,9 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
-    """Return the flight that lasts until all its faults are over, as `--act` makes it.
+    """Return a flight that fails and lasts until all its faults are over, as `--act` makes it.
 
-    None if that flight does not fail.
+    If the longer flight does not fail, return `outcome`.
     """
     scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)

@@ -197,12 +197,12 @@ class Simulation:
         return self.checks.unsettled(self.truth.situation, self.now_ns)
 
     def settle(self) -> list[Violation]:
-        """Simulate without further faults until the aircraft has converged; return every violation.
+        """Simulate without further faults until the aircraft has converged, and return every violation.
 
-        It also ends after the longest time allowed for converging. The aircraft has converged when no requirement was
-        violated for longer than the silence of a PE or function may stay undetected. The oracle `planned_load` counts
-        data only in the second half of that time: before, a controller may still send queued frames, and a PE that
-        returns may send what it ran before.
+        The aircraft has converged when no requirement was violated for a certain time: the longest time for which a
+        silent PE or function may stay undetected. If the aircraft does not converge in the time allowed, the simulation
+        ends too. The oracle `planned_load` counts data only in the second half of that certain time: before, a
+        controller may still send queued frames, and a PE that returns may send what it ran before.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)

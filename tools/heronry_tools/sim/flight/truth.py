@@ -58,7 +58,7 @@ class Truth:
         self._cut.discard(element)
 
     def is_back(self, element: str) -> None:
-        """Set an element as healthy and not cut off; a module on every PE."""
+        """Set an element as healthy and not cut off; a module becomes healthy on every PE."""
         self._down = {one for one in self._down if element not in (one, module_of(one))}
         self._cut.discard(element)
 

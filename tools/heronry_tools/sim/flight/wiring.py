@@ -31,10 +31,7 @@ class Wiring:
         self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
 
     def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
-        """Call `tap` for every frame of a bus; the nodes do not notice.
-
-        Of a replicated bus it gets only first copies.
-        """
+        """Call `tap` for every frame of a bus, unnoticed by the nodes; of a replicated bus only for first copies."""
         (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
@@ -64,10 +61,10 @@ class Wiring:
         return self.wires[bus][int(number) - 1]
 
     def clashes(self) -> list[Clash]:
-        """Return the arbitrations so far in which two stations sent under one identifier, on all wires."""
+        """Return, for all wires, the arbitrations so far in which two stations sent under one identifier."""
         return [clash for wires in self.wires.values() for wire in wires for clash in wire.clashes]
 
     def tamper(self, frame: Sent, tampering: Tampering) -> None:
-        """Let one frame, known from an equal earlier flight, be lost or doubled."""
+        """Lose or double one certain frame, which is known from an earlier flight with equal frames."""
         for wire in self.wires[frame.bus]:
             wire.tamper = lambda sent: tampering if sent == frame else None

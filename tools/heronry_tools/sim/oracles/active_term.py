@@ -25,7 +25,7 @@ class ActiveTerm:
         self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
-        """Update the active term by a command; return whether its term is active or claimed."""
+        """Read the term that a command names; return whether this term is active or claimed."""
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:

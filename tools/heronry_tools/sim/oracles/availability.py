@@ -34,12 +34,12 @@ class AvailabilityCheck(Oracle):
         self._lost: list[Violation] = []
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
-        """Record the PEs that an ALIVE no longer names."""
+        """Record the PEs that this ALIVE of the active manager does not name, though an earlier one did."""
         self._lost += [_violation(t_ns, f"{pe} was left out by the manager") for pe in sorted(self._named - pes)]
         self._named = pes
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Record a session that a command ends."""
+        """Record that the active manager ends the session of a PE, if the command is a RENEW."""
         if isinstance(message, Control) and message.operation is Operation.RENEW:
             self._lost.append(_violation(t_ns, f"the manager has ended its session with {self._pe_of[message.node]}"))
 

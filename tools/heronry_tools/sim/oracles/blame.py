@@ -42,7 +42,7 @@ class BlameCheck(Oracle):
         self._cleared: dict[str, Violation] = {}  # elements that were rightly reported, and have been cleared since
 
     def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
-        """Record or drop the element that an EMCY, sent by a PE itself, reports or withdraws."""
+        """Read the EMCY of a PE: record the element that it reports, or drop the one whose report it withdraws."""
         element, detail = self._reported_by(sent)
         if element is None:
             return

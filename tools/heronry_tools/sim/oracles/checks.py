@@ -26,7 +26,7 @@ from heronry_wire.pe_table import PeTable
 
 
 class Checks:
-    """The oracles of one flight."""
+    """The oracles of one flight, and the methods by which the simulator reports events to them."""
 
     def __init__(
         self,
@@ -130,15 +130,15 @@ class Checks:
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
         """Report to the oracles that a manager has accepted the operator's order for a priority.
 
-        None: that of the spec.
+        A `priority` of None is the priority of the spec.
         """
         for oracle in self._oracles:
             oracle.set_priority(t_ns, function, priority)
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Report to the oracles that a manager has accepted a script of the operator in this term.
+        """Report to the oracles that a manager has accepted, in this term, a script of the operator.
 
-        None: has released it.
+        A `term` of None means that the manager has released the script.
         """
         for oracle in self._oracles:
             oracle.script_ordered(t_ns, term)
@@ -209,7 +209,7 @@ class Checks:
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
         """Return the violations so far of rules that hold at all times.
 
-        clashes: what the buses have recorded.
+        clashes: arbitrations in which two stations sent under one identifier.
         """
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
@@ -237,9 +237,9 @@ class Checks:
         self._known.planned_load.begin(t_ns)
 
     def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
-        """Return a violation for data that were sent since `is_well` and are not planned.
+        """Return violations for data that were sent since `is_well` but are not planned.
 
-        `truth` is what is really down.
+        truth: the real situation.
         """
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 

@@ -62,7 +62,7 @@ def _low(message: ManagementMessage) -> int:
 class Epoch:
     """An epoch as its commands were heard.
 
-    `configuration` is set once it was activated and all its slices are known.
+    Its `configuration` is set when the epoch was activated and all its slices are known.
     """
 
     number: int
@@ -161,7 +161,10 @@ class Commanded:
         return [epoch for epoch in known if epoch is not None]
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
-        """Set the configuration or the flaw of an activated epoch; return None while missing bytes may still come."""
+        """Set the configuration of an activated epoch, or its flaw, and return the epoch.
+
+        While bytes that are still missing may come, do nothing and return None.
+        """
         slices = {pe.node_id: self._called(epoch, pe.node_id) for pe in self._spec.pes.values()}
         for node, head in epoch.heads.items():
             if (body := self._bytes.get((node, head.length, head.digest))) is not None:
@@ -184,10 +187,7 @@ class Commanded:
         return epoch
 
     def _called(self, epoch: Epoch, node: int) -> bytes:
-        """Return the slice that a node has on board under the number of the epoch's contingency.
-
-        Empty if it has none.
-        """
+        """Return the slice that a node has on board for the contingency of the epoch; empty if it has none."""
         held = self._on_board.get(node, ())[: epoch.contingency][epoch.contingency - 1 :] if epoch.contingency else ()
         return next((one.slice for one in held if one.digest == epoch.digest), b"")
 

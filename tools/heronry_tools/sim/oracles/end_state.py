@@ -36,7 +36,7 @@ _VERIFIED_LEVELS = 6  # classes A to D, utility, inputs
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was observed so far: last states of the PEs, outputs, the epoch activated last, the phase."""
+    """What the oracles have observed so far: last states of the PEs, outputs, the epoch activated last, the phase."""
 
     last: dict[tuple[str, int], LastState]
     witness: Witness

@@ -65,11 +65,11 @@ class ExclusionCheck(Oracle):
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover after which another holder took it
 
     def leased(self, t_ns: int) -> None:
-        """Record that a manager was heard."""
+        """Record that some manager was heard, so that no driver may stop by itself for T_lease."""
         self._leased_ns = t_ns
 
     def said(self, state: StateSaid) -> None:
-        """Record that a PE was heard."""
+        """Record that a PE was heard, so that its drivers may not stop by themselves for T_lease."""
         self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
@@ -77,7 +77,7 @@ class ExclusionCheck(Oracle):
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count a handover if the command is a GO or GO_ALL of the newest epoch of its term."""
+        """Allow other drivers, if the command is a GO or GO_ALL of the newest epoch of its term."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
         is_first = message.term not in self._last  # the first epoch of its term
@@ -90,21 +90,21 @@ class ExclusionCheck(Oracle):
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
-        """Verify a movement: a PE has allowed the device of a module to move."""
+        """Verify that no other module drives the device that a PE allows to move for a module."""
         for thing in self._things_of[moved.module]:
             self._follow(moved.t_ns, thing, (moved.module, moved.pe))
 
     def driven(self, driven: Driven) -> None:
-        """Verify a step of a module that drives.
+        """Verify a step of a module that drives an output.
 
-        If the module has no device, the values of the step are the only sign that it drives.
+        If the module has no device, only the values of the step show that it drives.
         """
         if driven.module not in self._moving:
             for thing in self._things_of[driven.module]:
                 self._follow(driven.t_ns, thing, (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
-        """Verify the sender of a frame with an exclusive identifier."""
+        """Verify that no other node sends frames with the same exclusive identifier."""
         thing = (sent.bus, sent.frame.can_id)
         if self._holders.get(thing) != (sent.sender, ""):
             self._follow(sent.end_ns, thing, (sent.sender, ""))
@@ -127,7 +127,7 @@ class ExclusionCheck(Oracle):
     def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
         """Tell whether a driver may have stopped by itself.
 
-        That is so if neither a manager nor the driver's PE was heard for T_lease.
+        It may if neither a manager nor the PE of the driver was heard for T_lease.
         """
         speaker = holder[1] or holder[0]
         heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))

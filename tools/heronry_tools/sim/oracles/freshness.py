@@ -45,7 +45,7 @@ class FreshnessCheck(Oracle):
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
     def published(self, sent: Sent) -> None:
-        """Keep a data frame with the others of its source."""
+        """Keep a data frame, with which the inputs of modules are compared later."""
         frame = sent.frame
         most = self._remembered.get(frame.can_id)
         node = node_of(frame.data)
@@ -64,11 +64,11 @@ class FreshnessCheck(Oracle):
             self._epochs[node] = (epoch, state.t_ns)
 
     def looked(self, stepped: Driven) -> None:
-        """Verify the inputs of a step of a module that drives no output."""
+        """Verify the inputs of a module that drives no output, after one of its steps."""
         self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
-        """Verify the inputs of a step of a module that drives an output."""
+        """Verify the inputs of a module that drives an output, after one of its steps."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:

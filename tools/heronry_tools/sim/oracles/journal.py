@@ -93,7 +93,7 @@ class JournalCheck(Oracle):
             self._tell(t_ns, station, _numbers(said, memory) + facts)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Expect a second manager at station `twin`, with a copy of the journal of `station`."""
+        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
         self._said[twin] = replace(self._said.get(station, _Said()))
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
@@ -114,7 +114,7 @@ class JournalCheck(Oracle):
         return memory
 
     def _was_held(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether the journal agreed with a HOLDS before its last few records."""
+        """Tell whether an earlier version of the journal, a few records shorter, agrees with a HOLDS."""
         if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
             return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
@@ -135,11 +135,11 @@ class JournalCheck(Oracle):
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
 
     def _is_first(self, epoch: int, manager: str) -> bool:
-        """Record that a manager prepares an epoch; return whether no other manager has prepared it before."""
+        """Record that a manager prepares an epoch; return True if no other manager has prepared it before."""
         return self._prepared.setdefault(epoch, manager) == manager
 
     def _shows_more(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
-        """Record a command; return whether it names anything new that the journal must have."""
+        """Record a command; return True if the journal must agree with it."""
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch

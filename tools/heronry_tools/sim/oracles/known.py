@@ -30,7 +30,7 @@ class Known:
     """Facts about one flight, and the oracles that derive some of them."""
 
     def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
-        """Create the oracles that derive facts; `Checks` explains `tables`, `key` and `read_journal`."""
+        """Create the oracles that derive facts; the parameters are those of `Checks`."""
         self.spec, self.key, self.read_journal = spec, key, read_journal
         self.commanded = Commanded(spec, tables)
         self.proven = None if key is None else ProvenStates(key)

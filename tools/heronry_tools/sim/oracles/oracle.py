@@ -104,7 +104,10 @@ class Oracle:
         """Called when the active manager has sent an ALIVE that names these PEs as available."""
 
     def began(self, t_ns: int) -> None:
-        """Called when an ALIVE names a term higher than any before, before `alive` is called for that ALIVE."""
+        """Called when a mastership begins: an ALIVE names a term higher than any before.
+
+        It is called before `alive` is called for that ALIVE.
+        """
 
     def entered(self, t_ns: int, phase: str | None) -> None:
         """Called when a mission phase has begun."""
@@ -144,10 +147,16 @@ class Oracle:
         """Called when a manager has accepted, in this term, the operator's order for a phase."""
 
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
-        """Called when a manager has accepted the operator's order for a priority; None: the priority of the spec."""
+        """Called when a manager has accepted the operator's order for a priority.
+
+        A `priority` of None is the priority of the spec.
+        """
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Called when a manager has accepted a script of the operator in this term; None: has released the script."""
+        """Called when a manager has accepted, in this term, a script of the operator.
+
+        A `term` of None means that the manager has released the script.
+        """
 
     def failed(self, t_ns: int, element: str) -> None:
         """Called when a manager treats an element as failed because the operator has declared it failed."""

@@ -72,12 +72,12 @@ class PhaseCheck(Oracle):
         self._may_forget = True
 
     def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
-        """Allow two managers that do not hear each other to be active from now on."""
+        """Take into account, from now on, that two managers may be active that do not hear each other."""
         if bus == self._bus:
             self._may_forget = self._is_apart = True
 
     def manager_copied(self, _station: str, _twin: str) -> None:
-        """Allow two managers that do not hear each other to be active from now on."""
+        """Take into account, from now on, that two managers may be active that do not hear each other."""
         self._may_forget = self._is_apart = True
 
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
@@ -91,7 +91,7 @@ class PhaseCheck(Oracle):
         self._requested[node, message.detail] = message.index
 
     def told(self, state: StateSaid) -> None:
-        """Read a PE's incarnation: a PE that has restarted numbers its requests from the beginning."""
+        """Read a PE's incarnation, since a PE that has restarted numbers its requests from the beginning."""
         node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
@@ -128,12 +128,12 @@ class PhaseCheck(Oracle):
         return last is not None and behind < REQUEST_NUMBERS // 2
 
     def _leads_back(self, index: int, number: int) -> bool:
-        """Tell whether a request is forward only and its phase cannot be entered from the current phase."""
+        """Tell whether a request is forward only, and its phase cannot be entered from the current phase."""
         is_free = self.current is None or self.current == self._names[index] or self.current in self._from[index]
         return bool(number & FORWARD_ONLY) and not is_free
 
     def _is_wanted(self, phase: str) -> bool:
-        """Tell whether some PE's request for this phase has no answer yet and may be accepted."""
+        """Tell whether some PE has requested this phase, has no answer yet, and may get the phase."""
         index = self._names.index(phase)
         requests = (key for key, wanted in self._requested.items() if wanted == index)
         return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in requests)

@@ -36,9 +36,9 @@ class Places:
         return place if place in self._all and message.code not in _BY_OTHERS else element
 
     def acknowledged(self, node: int, a: int, index: int) -> str | None:
-        """Return the element that counts as failed after a manager's acknowledgement; None for a suspicion.
+        """Return the element that counts as failed when a manager acknowledges a report; None for a suspicion.
 
-        The manager has acknowledged the last report of this node about the element with this index.
+        node: node-ID of the PE that has reported. a, index: kind and index of the element, as in the command.
         """
         if a in _SUSPECTED:
             return None
@@ -59,7 +59,7 @@ class Places:
         return element if pe is None or element is None else f"{element}@{pe}"
 
     def cleared(self, element: str) -> None:
-        """Forget the failures of an element; those of a module on each PE too."""
+        """Forget the failures of an element; of a module, also those on single PEs."""
         self._failed = {place for place in self._failed if element not in (place, module_of(place))}
 
     def _element(self, kind: int, index: int) -> str | None:

@@ -42,9 +42,9 @@ class PlannedLoadCheck(Oracle):
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
     def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
-        """Return a violation for data that were sent since `begin` and are not planned.
+        """Return violations for data that were sent since `begin` but are not planned.
 
-        `truth` is what is really down.
+        current: the epoch activated last. truth: the real situation.
         """
         if self._since_ns is None or current is None or current.configuration is None:
             return []

@@ -44,7 +44,10 @@ class PriorityCheck(Oracle):
         self._term = 0
 
     def set_priority(self, t_ns: int, function: str, priority: int | None) -> None:
-        """Record an order of the operator that the manager has accepted; None: the priority of the spec."""
+        """Record that the manager has accepted the operator's order for a priority.
+
+        A `priority` of None is the priority of the spec.
+        """
         self._orders.setdefault(function, []).append(_OF_THE_SPEC if priority is None else priority)
         self._ordered_ns[function], self._stands[function] = t_ns, priority is not None
 

@@ -24,11 +24,11 @@ class ProgressCheck(Oracle):
         self._since_ns = 0
 
     def began(self, _t_ns: int) -> None:
-        """Forget what another manager has prepared."""
+        """Count from zero again, since another manager has begun a mastership."""
         self._epochs.clear()
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Count a PREPARE; begin again at an ACTIVATE."""
+        """Count the epoch that a PREPARE opens; at an ACTIVATE count from zero again."""
         if isinstance(message, Activate):
             self._epochs.clear()
         elif isinstance(message, Prepare):

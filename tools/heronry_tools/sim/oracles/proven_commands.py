@@ -59,7 +59,7 @@ class ProvenCommands:
         self._highest: dict[tuple[int, int], int] = {}  # highest proven number by manager and term
 
     def take(self, sent: Sent) -> Proven | None:
-        """Read a frame of any sender; return the command whose TAG it is if the tag is correct, else None."""
+        """Read a frame of any sender; if it is the correct TAG of a command before it, return that command."""
         command = self._commands.get(sent.frame.can_id)
         if command is not None:
             if not is_welcome(sent.frame.data) or command[1] is not Command.CONTROL:

@@ -30,7 +30,7 @@ _Key = tuple[str, str]  # bus and sender
 
 @dataclass(slots=True)
 class _Told:
-    """The epoch that a node has reported, since when, and the epoch in which it was before."""
+    """The epoch that a node has reported, since when it reports it, and the epoch that it reported before."""
 
     epoch: int
     incarnation: int
@@ -91,10 +91,7 @@ class PublishingCheck(Oracle):
             self.violations.append(Violation(sent.end_ns, "publishing", story))
 
     def _identifiers_of(self, epoch: int, bus: str, sender: str) -> frozenset[int] | None:
-        """Return the identifiers that an epoch lets a node send on a bus.
-
-        None if the epoch's configuration is not known.
-        """
+        """Return the identifiers that a node may send on a bus in an epoch; None if that is not known."""
         if epoch not in self._published:
             known = self._commanded.epochs.get(epoch)
             if known is None or known.configuration is None:

@@ -28,7 +28,7 @@ class QueueCheck:
         self._offered = self._offered_before = dict.fromkeys(buses, 0)
 
     def look(self, t_ns: int, buses: Mapping[str, SimulatedBus]) -> list[Violation]:
-        """Return the violations since the last call."""
+        """Return the violations that the load and the queues show since the last call."""
         passed_ns, before = t_ns - self._t_ns, self._bits
         self._t_ns, self._bits = t_ns, {name: bus.busy_bits for name, bus in buses.items()}
         before_that, self._offered_before = self._offered_before, self._offered

@@ -53,7 +53,7 @@ class RadioCheck(Oracle):
         self._bits: defaultdict[str, int] = defaultdict(int)
 
     def altered(self) -> None:
-        """Allow, from now on, that data frames are altered in a way that their CRC does not detect."""
+        """Take into account, from now on, that data frames may be altered without an error in their CRC."""
         self._is_altered = True
 
     def measured(self, sent: Sent) -> None:
@@ -107,9 +107,9 @@ class RadioCheck(Oracle):
         self._bits.clear()
 
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
-        """Return the largest usable share reported in the last seconds.
+        """Return the largest usable share, per mille, that a gateway has reported in the last seconds.
 
-        None if the radio was gone or nothing was reported.
+        Return None if the radio was gone in that time, or nothing was reported.
         """
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
         if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:

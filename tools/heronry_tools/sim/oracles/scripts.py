@@ -23,7 +23,7 @@ class ScriptCheck(Oracle):
         self._told_ns: int | None = None
 
     def script_ordered(self, t_ns: int, term: int | None) -> None:
-        """Record that a manager has accepted a script in this term; None: has released it."""
+        """Record that a manager has accepted a script in this term, or released it if `term` is None."""
         if term is None and self._ordered_in is not None:
             self._released = self._ordered_in, t_ns + ON_ITS_WAY_NS
         self._ordered_in = term
@@ -46,5 +46,5 @@ class ScriptCheck(Oracle):
                 pass
 
     def is_held(self, now_ns: int) -> bool:
-        """Tell whether a script was announced within `ANNOUNCED_WITHIN_NS`, so that a manager holds it."""
+        """Tell whether a manager still announces that it holds a script."""
         return self._told_ns is not None and now_ns - self._told_ns < ANNOUNCED_WITHIN_NS

@@ -88,8 +88,7 @@ class ServiceCheck(Oracle):
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
         """Begin; the order of elements in `spec` gives the indices in CONTROL and EMCY.
 
-        missed_ns: returns the time at which a PE last heard a node again after it may have missed a command; 0 if
-        never.
+        missed_ns: returns when a PE last heard a node again after it may have missed a command; 0 if never
         """
         super().__init__()
         self._spec = spec
@@ -124,7 +123,7 @@ class ServiceCheck(Oracle):
                 self._told_by |= dict.fromkeys((element, module_of(element)), pe)
 
     def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
-        """Record an acknowledgement: the manager treats the element as failed."""
+        """Record the element of an acknowledged report: from now on the manager treats it as failed."""
         if not isinstance(message, Control):
             return
         if message.operation is Operation.ACKNOWLEDGE:
@@ -133,7 +132,7 @@ class ServiceCheck(Oracle):
                 self.failed(t_ns, element)
 
     def failed(self, t_ns: int, element: str) -> None:
-        """Record that a manager treats an element as failed, from now on at the latest."""
+        """Record that a manager treats an element as failed now, if it has not done so before."""
         known = [one for one in self._held if one.element == element and one.to_ns is None]
         self._held += [] if known else [_Held(element, t_ns)]
         for one in known:
@@ -174,11 +173,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def began(self, t_ns: int) -> None:
-        """Record that a new term begins.
-
-        If a PE that has reported a fault missed a command, the new manager may not know the report, and no PE repeats
-        it.
-        """
+        """Record that a mastership begins, whose manager may not know every fault that PEs have reported."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
@@ -186,7 +181,7 @@ class ServiceCheck(Oracle):
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
-        """Record that a PE runs a module."""
+        """Record that a PE runs a module; a silence is then no longer excused as the start of the aircraft."""
         if t_ns - self._ran_ns > self._lease_ns:
             self._idle.append((self._ran_ns, t_ns))
         self._ran_ns = t_ns
@@ -211,7 +206,7 @@ class ServiceCheck(Oracle):
         self._phases.append((t_ns, phase))
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
-        """Compare an epoch with the best plan; if the epoch is a contingency, do so at the next ALIVE."""
+        """Verify that an epoch serves as much as the best plan; a contingency is verified at the next ALIVE."""
         if epoch.is_adopted:
             return
         phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
@@ -229,7 +224,7 @@ class ServiceCheck(Oracle):
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
-        """Record a violation if an epoch serves less than the best plan for the PEs that take part in it."""
+        """Yield a violation if an epoch serves less than the best plan for the PEs that take part in it."""
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
@@ -246,7 +241,7 @@ class ServiceCheck(Oracle):
             yield Violation(t_ns, "service", f"{stories[0]} without {sorted(absent)}")
 
     def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
-        """Return a sentence if an epoch serves less than some plan for the situation `now`; else None."""
+        """Return a sentence if an epoch serves less than some plan for the situation `now`; None if not."""
         assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
@@ -308,7 +303,7 @@ class ServiceCheck(Oracle):
         return Situation(frozenset(down), self._limits(over_ns), phase, self._priorities_in(begin_ns, begin_ns)[-1])
 
     def _starts(self) -> Iterator[tuple[int, int]]:
-        """Return the times (from, to) within start-up windows in which no PE ran a module."""
+        """Yield the times (from, to) within start-up windows in which no PE ran a module."""
         for began_ns in self._masterships_ns:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)

@@ -13,7 +13,7 @@ _SLOWER_PPM = 1_000  # a silence shorter than T_lease by this counts: a PE's clo
 
 
 class Solitude:
-    """Records when each PE heard another node."""
+    """Finds the PEs that have heard no other node for T_lease, and when each heard one again."""
 
     def __init__(self, spec: Spec) -> None:
         """Assume at the beginning that every PE has just heard another node."""
@@ -30,7 +30,7 @@ class Solitude:
         return self._ended_ns.get(pe, 0)
 
     def heard(self, t_ns: int, bus: str, speaker: str) -> None:
-        """Record a state of a PE, or an ALIVE of a manager, which other nodes on the bus hear."""
+        """Record that `speaker`, a PE or a manager, was heard on a bus."""
         last, last_ns, other_ns = self._last.get(bus, (speaker, t_ns, t_ns))
         silence_ns = self._silence_ns[bus]
         if t_ns - self._spoke_ns.get((bus, speaker), t_ns) >= silence_ns:
@@ -43,13 +43,13 @@ class Solitude:
         self._last[bus] = (speaker, t_ns, other_ns if speaker == last else last_ns)
 
     def started(self, t_ns: int, pe: str, incarnation: int) -> None:
-        """Record the incarnation that a PE reports."""
+        """Record the incarnation that a PE reports; a restarted PE knows nothing of the time before."""
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation
             self._end(t_ns, {pe})
 
     def split(self, t_ns: int, bus: str) -> None:
-        """Record that a bus has broken in the middle, or was repaired."""
+        """Record that a bus has broken or was repaired; every PE on it may have missed a command."""
         self._end(t_ns, self._on[bus])
 
     def _end(self, t_ns: int, pes: set[str]) -> None:

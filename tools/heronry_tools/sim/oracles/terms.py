@@ -61,8 +61,8 @@ class TermCheck(Oracle):
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
         """Record that a bus has broken in the middle, or was repaired.
 
-        While the managers' bus is broken, both managers may use one term; after the repair, the time to stop begins
-        anew.
+        While the managers' bus is broken, two managers may use one term. After the repair they get T_lease anew to
+        notice each other.
         """
         if bus == self._bus:
             self._is_split = is_split
@@ -91,7 +91,7 @@ class TermCheck(Oracle):
         self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
-        """Expect a second manager at station `twin`, with a copy of the journal of `station`."""
+        """Note that a second manager is about to start at station `twin`, with `station`'s journal."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
@@ -102,7 +102,7 @@ class TermCheck(Oracle):
         return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
-        """Forget the last LEASE of a station whose manager has died: the next manager there may know nothing."""
+        """Forget the last LEASE of a station whose manager has died; the next one there may begin anew."""
         self._leased.pop(station, None)
 
     def _leases(self, t_ns: int, station: str, message: Lease) -> None:
@@ -139,7 +139,7 @@ class TermCheck(Oracle):
             voices.clear()
 
     def said(self, state: StateSaid) -> None:
-        """Verify the epoch that a PE reports."""
+        """Verify that the epoch that a PE reports is of no lower term than its epochs before."""
         bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return

@@ -17,7 +17,7 @@ REPORTS = "reports"
 
 @dataclass(slots=True)
 class Waiver:
-    """Rules of oracles that are not verified from `from_ns` to `to_ns`; None: to the end of the flight."""
+    """Rules of oracles that are not verified from `from_ns` to `to_ns`; a `to_ns` of None is the end of the flight."""
 
     rules: frozenset[str]
     from_ns: int
@@ -28,7 +28,7 @@ class Waivers:
     """All waivers of one flight."""
 
     def __init__(self, settling_ns: int) -> None:
-        """Begin without waivers; the consequences of a fault may appear up to `settling_ns` after its end."""
+        """Begin without waivers; each one is to be extended by `settling_ns` after the end of its fault."""
         self._settling_ns = settling_ns
         self._all: list[Waiver] = []
 

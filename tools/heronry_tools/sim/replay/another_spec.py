@@ -31,7 +31,7 @@ def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTab
 
 
 def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[Prepare, bool]]:
-    """Return each PREPARE that shows which spec was flown, with whether it matches this spec."""
+    """Yield each PREPARE that shows which spec was flown, and True if it agrees with this spec."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}

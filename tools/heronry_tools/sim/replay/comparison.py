@@ -13,10 +13,10 @@ Taken = Literal["both", "recorded", "replayed"]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """A decision, and whether the recording, the replay or both have it.
+    """A decision in the recording, in the replay, or in both.
 
-    taken: who took the decision
-    late_ns: by how much the replay took it later than the recording, if both have it
+    taken: in which of the two it is
+    late_ns: how much later it is in the replay than in the recording, if it is in both
     """
 
     decision: Decision

@@ -53,7 +53,7 @@ class _Reader:
         }
 
     def read(self, logged: LoggedFrame) -> list[Frame]:
-        """Read the next frame; return the frames that are proven by it, or the frame itself if it needs no proof."""
+        """Read the next frame; return the frames that it proves, or the frame itself if it needs no proof."""
         frame = logged.frame
         self._turn.now_ns = logged.time_ns
         if frame.extended or frame.remote or frame.error:

@@ -84,7 +84,7 @@ class _Answer:
 
 
 class Planners:
-    """The plans that a manager of a spec may have used, found by the digest of their configuration."""
+    """Makes the plans that a manager of a spec may have used, and names each by the digest of its configuration."""
 
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
         """Begin with the planners of a spec; `ahead` has the contingencies, None if there are none."""
@@ -101,9 +101,9 @@ class Planners:
         return self._compiler.configuration(configuration).digest
 
     def plans(self, request: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Return every plan that could answer a request, the likeliest first.
+        """Yield every plan that could answer a request, with its name, the likeliest first.
 
-        These are the plans with and without contingencies, and with and without a solver.
+        The plans are made with and without contingencies, and with and without a solver.
         """
         found = set()
         for policy in self._fittings:
@@ -212,7 +212,10 @@ class Rerun:
         return None if recorded is None else self._another(at_ns, request, recorded, known)
 
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
-        """Return the digest that LEASE names before any PREPARE of this mastership; None if there is none."""
+        """Return the digest of the configuration that the manager adopted; None if it adopted none.
+
+        It is the one that a LEASE names before any PREPARE of this mastership.
+        """
         if self.decisions:
             return None
         until_ns = self._mastership.last_ns if following is None else following.t_ns

@@ -41,9 +41,10 @@ class Evaluation:
     """Evaluates the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
-        """Begin with what was `heard`; the script has started at `start_ns`.
+        """Begin; the evaluation uses only what was `heard`.
 
-        slack_ns: added to the longest gap between frames.
+        start_ns: time at which the script began
+        slack_ns: added to the longest allowed gap between frames
         """
         self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
 
@@ -190,7 +191,7 @@ def _patience_ns(modes: Iterable[Mode]) -> int:
 def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
     """Return the beginning of the unbroken chain of agreeing frames that reaches `until_ns`; None if there is none.
 
-    patience_ns: longest gap between two frames of a chain.
+    marks: each frame's time, and whether it agrees. patience_ns: longest gap between two frames of a chain.
     """
     since_ns = last_ns = None
     for t_ns, says in marks:

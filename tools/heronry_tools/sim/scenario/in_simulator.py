@@ -76,7 +76,7 @@ def fly(script: Script, *, is_compared: bool = True, watch: Callable[[Simulation
 def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, to its end.
 
-    Returns for each deed of the script how many events came before it, and its line of the trace.
+    Returns, for each deed of the script, the number of events before it and its line of the trace.
     """
     _begin(flight, script)
     start_ns = _start_ns(flight)
@@ -157,7 +157,7 @@ def _do(flight: Simulation, script: Script, deed: Deed) -> None:
 
 
 def _say(flight: Simulation, deed: Deed) -> None:
-    """Let the operator give an order."""
+    """Give the active manager the operator's order that a deed names."""
     reply = flight.operator.say(ORDERS[deed.what](deed.target))
     if reply is None:
         raise UserError(f"'{deed.text}': no manager is active at that time to accept the order; choose another time")

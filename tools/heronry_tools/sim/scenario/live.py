@@ -65,7 +65,7 @@ def check(script: Script) -> None:
 
 
 def _is_of_a_radio(script: Script, deed: Deed) -> bool:
-    """Tell whether a deed is a fault of a bus that the flight always starts as a software bus."""
+    """Tell whether a deed is a fault of a bus that is a software bus in every flight."""
     return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
@@ -105,10 +105,7 @@ def _made_key(script: Script, folder: Path) -> Path | None:
 
 
 def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
-    """Return interface, channel and bit rate of the manager's bus from python-can's options.
-
-    None for a software bus.
-    """
+    """Return interface, channel and bit rate that python-can's options give; None if the bus is a software bus."""
     interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
     if channel is not None:
         return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
@@ -145,7 +142,7 @@ class _Show:
         self._trace: list[str] = []
 
     def run(self, where: str) -> Flown:
-        """Fly to the end of the script."""
+        """Fly to the end of the script; `where` names the bus in the result."""
         for node in MANAGER_NODES if self._script.has_standby else (FIRST_MANAGER,):
             self._start_manager(node)
         for pe in self._script.spec.pes:

@@ -39,7 +39,7 @@ class Heard:
 
 @dataclass(slots=True)
 class Observations:
-    """Everything that was heard, in order of time."""
+    """Everything that was heard on the managers' bus, in order of time."""
 
     spec: Spec
     outputs: list[Output] = field(default_factory=list)

@@ -374,7 +374,10 @@ class _Reader:
             self._refuse(f"no variable is named '{name}'; {meant(name, self.spec.variables)}")
 
     def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
-        """Return the expectation with its end; raises UserError if its time to come true is not over by then."""
+        """Return an expectation with its end, the time of the next deed or of the end of the script.
+
+        Raises UserError if the expectation's time to come true is not over by then.
+        """
         until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
         if one.from_ns + one.within_ns >= until_ns:
             self.number = one.line
@@ -415,7 +418,7 @@ class _Reader:
             self._refuse(str(error))
 
     def _checked_priority(self, function: str, priority: str) -> str:
-        """Return FUNCTION=N, or FUNCTION= for the priority of the spec."""
+        """Return the order FUNCTION=N, or FUNCTION= if `priority` is "default"; raises UserError."""
         assert self.spec is not None
         try:
             checked_function(self.spec, function)

@@ -84,7 +84,11 @@ class Clash(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """How often one frame is received (0: not at all); `receiver` is the station that is meant, None for all."""
+    """How a bus must deliver one frame.
+
+    copies: how often the frame is received; 0 if not at all
+    receiver: the station that this concerns; None for all stations
+    """
 
     copies: int
     receiver: str | None = None
@@ -182,7 +186,7 @@ class SimulatedBus:
         self._wake(station)
 
     def stall(self, station: Station, *, stalled: bool) -> None:
-        """Pause a station's processor, or end the pause; the frame in its mailbox is sent even so."""
+        """Pause a station's processor, or end the pause; the controller still sends the frame in its mailbox."""
         station.stalled = stalled
         self._wake(station)
 
@@ -203,7 +207,7 @@ class SimulatedBus:
         self._go_off(station)
 
     def offer(self, station: Station, frame: Frame, until_ns: int = NEVER_NS) -> None:
-        """Queue a frame at a station; if its transmission cannot start by `until_ns`, it is dropped."""
+        """Queue a frame at a station; the frame is dropped if its transmission cannot start by `until_ns`."""
         if not station.present:
             return
         self._offers = offer = self._offers + 1
@@ -236,7 +240,7 @@ class SimulatedBus:
         heapify(station.queue)
 
     def stand_back(self, station: Station, until_ns: int) -> None:
-        """Let all frames of a station from the urgency of data frames downwards wait in its queue until `until_ns`."""
+        """Hold back the data frames and all less urgent frames of a station until `until_ns`."""
         station.stands_back_until_ns = until_ns
         self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
 
@@ -246,7 +250,7 @@ class SimulatedBus:
         return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
-        """Move the next frame in the queue whose time limit is not over to the mailbox."""
+        """Put a station's next frame into its mailbox; drop frames whose time limit is over."""
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled and not self._stands_back(queue[0][2]):
             waiting = heappop(queue)[2]

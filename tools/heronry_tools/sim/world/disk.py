@@ -40,7 +40,7 @@ class Disk:
         return self._memory
 
     def write(self, record: Record, now_ns: int) -> None:
-        """Append a record; then `problem` is None if the record is on the disk, else it says why not."""
+        """Append a record; `problem` then says why it is not on the disk, or is None."""
         self._memory = self._memory.after(record)
         if self.problem is not None:
             self._put_down()

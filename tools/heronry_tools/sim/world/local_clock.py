@@ -51,10 +51,10 @@ class LocalClocks:
     """Makes the clocks of the nodes of one flight."""
 
     def __init__(self, clock: Clock, chance: Random, skew_ppm: int) -> None:
-        """Begin; the error of each clock is at most `skew_ppm` millionths."""
+        """Begin; each clock is too fast or too slow by at most `skew_ppm` millionths."""
         self._clock, self._chance, self._skew_ppm = clock, chance, skew_ppm
 
     def draw(self, apart_ns: int = 0) -> LocalClock:
-        """Return a clock with a random error, and with a random lead of less than `apart_ns` over virtual time."""
+        """Return a clock with a random rate, and with a random lead of less than `apart_ns` over virtual time."""
         ahead_ns = self._chance.randrange(apart_ns) if apart_ns else 0
         return LocalClock(self._clock, ahead_ns, self._chance.randint(-self._skew_ppm, self._skew_ppm))

@@ -72,7 +72,7 @@ class ModuleSteps:
         broken: Mapping[str, str],
         broke: Callable[[str], None],
     ) -> None:
-        """Begin; `SimulatedPe` explains `drive`, `look`, `broken` and `broke`."""
+        """Begin; the parameters are those of `SimulatedPe`."""
         self._clock, self._time, self._host, self._processor = clock, time, host, processor
         self._drive, self._look = drive, look
         self._broken, self._broke = broken, broke
@@ -112,18 +112,18 @@ class ModuleSteps:
         return answer
 
     def _broken_as(self, module: str) -> str | None:
-        """Return how a module fails on this PE or on each PE; None if it does not fail."""
+        """Return how a module fails on this PE; None if it does not fail."""
         return self._broken.get(f"{module}@{self._pe}", self._broken.get(module))
 
     def measure(self, action: MeasureStep) -> StepMeasured:
-        """Return the time that a step has spent so far: if it hangs, since its beginning, else 0."""
+        """Return the time for which a step has been hanging; 0 if it does not hang."""
         partition = self._partitions[action.module]
         first = next((module for module in self._hung if self._partitions[module] == partition), None)
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
     def wait(self, actions: Sequence[Action]) -> None:
-        """Remember steps that were requested now but wait for the processor."""
+        """Queue steps that must wait for the processor; their time of request is now."""
         for action in actions:
             if type(action) is StepModule:
                 self._requested_ns.setdefault(action.release, self._clock.now_ns)
@@ -188,7 +188,7 @@ class ModuleSteps:
 
 
 def _off(value: Value) -> Value:
-    """Return another value of the same type."""
+    """Return a wrong value of the same type."""
     if isinstance(value, float):
         return value + _WRONG_BY
     return value ^ 1 if isinstance(value, int) else value

@@ -151,7 +151,7 @@ class Node:
         raise NotImplementedError
 
     def _resume(self) -> None:
-        """At the end of a pause, complete first the work that was under way."""
+        """Complete the work that the pause has interrupted; called first at the end of a pause."""
 
     def _caught_up(self) -> None:
-        """At the end of a pause, give the core its late events, after all kept frames."""
+        """Give the core the events that the pause has delayed; called after all kept frames."""

@@ -17,7 +17,7 @@ from heronry_wire.sansio import Send, StandBack, Withdraw
 
 
 class PeOutbox:
-    """The frames that one PE sends."""
+    """The sending side of one PE, from its core to its controllers."""
 
     def __init__(
         self,
@@ -63,15 +63,15 @@ class PeOutbox:
             bus.withdraw(station, action.identifiers)
 
     def stand_back(self, action: StandBack) -> None:
-        """Let the data frames of a port wait."""
+        """Hold the data frames of a port back for the time that the action gives."""
         for bus, station in self._stations:
             if station.port == action.port:
                 bus.stand_back(station, self._time.when_ns(action.until_ns))
 
     def took_ns(self, port: int) -> int | None:
-        """Return how long the frame that has just left by a radio took since `send`, in ns.
+        """Return the time in ns that the frame which has just left by a radio took since `send`.
 
-        None if the core does not need the time.
+        Return None if the core does not need the time.
         """
         handed_ns = self._handed_ns.pop(port, None)
         return None if handed_ns is None else self._time.now_ns() - handed_ns

@@ -57,7 +57,7 @@ PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec, 
 def prepared(spec: Spec, faults: int | None) -> Prepared:
     """Return the tables of a spec, with contingencies for up to `faults` faults on board.
 
-    None: without contingencies.
+    If `faults` is None, there are no contingencies.
     """
     known = PREPARED.get((spec.digest, faults))
     if known is None:
@@ -166,5 +166,5 @@ def _greedy(spec: Spec) -> Greedy:
 
 
 def plans_known() -> int:
-    """Return the number of different requests for plans that this process has answered."""
+    """Return the number of plans that this process has made and keeps."""
     return sum(runs != _WHATEVER for _, runs in KNOWN_PLANS)

@@ -28,7 +28,7 @@ class PlantView:
         return self._plant.follows(sensors)
 
     def heard(self, device: str, value: Value, now_ns: int) -> None:
-        """Ignore an output echo: the plant has moved already."""
+        """Ignore an output echo: the one plant has moved already when the command was given."""
 
     def _true_ns(self) -> int:
         return self._clock.now_ns

@@ -162,7 +162,7 @@ class SimulatedManager(Node):
         self._told(ChannelsLost(lost))
 
     def _told(self, ready: ManagerEvent | FromPlanner) -> None:
-        """Read an event of a planner's process or of the planning driver."""
+        """Give the core or the planning policy an event of the planner; later, if the processor is paused."""
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):

@@ -35,7 +35,7 @@ def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
 
 
 def _share(field: str) -> Inject:
-    """Return an injection that sets one of the probabilities in a bus's `Faults` to the level of the fault."""
+    """Return an injection that sets one probability (`loss`, `omission` or `doubled`) of a bus to the fault's level."""
 
     def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
         wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)

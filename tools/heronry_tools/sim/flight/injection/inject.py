@@ -19,11 +19,11 @@ _PLUG_HOLDS_MS = (6, 40, 200)  # longest time in one of these states; one of the
 
 
 def nothing() -> None:
-    """Do nothing; this is the end function of a fault that ends by itself."""
+    """Do nothing; this function ends faults that end by themselves."""
 
 
 def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
-    """Call `turn` now and then repeatedly until the fault is ended.
+    """Call `turn` again and again until the fault is ended; the first call comes at once.
 
     Each call of `turn` returns the time in ns to the next call; None if there is to be no further call.
     """

@@ -12,7 +12,10 @@ _STARTS_AGAIN_MS = (5, 200)
 
 
 def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
-    """Return an injection into a running PE; the fault ends in the same incarnation only."""
+    """Make an injection of `do`, which is done to the running PE that the fault names.
+
+    The fault is ended only if the same incarnation of the PE still runs then.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         pe = simulation.fleet.running.get(fault.name)
@@ -25,7 +28,10 @@ def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
 
 
 def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
-    """Return an injection into a running PE; the fault ends in the incarnation that runs at that time."""
+    """Make an injection of `do`, which is done to the running PE that the fault names.
+
+    The fault is ended in whichever incarnation of the PE runs then.
+    """
 
     def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
         return do(simulation, fault, random) if fault.name in simulation.fleet.running else None

@@ -53,9 +53,9 @@ class Injections:
         simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
 
     def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
-        """Inject a fault shortly after the state for which it waits has begun, not before `not_before_ns`.
+        """Inject a fault shortly after the protocol has entered the fault's state, not before `not_before_ns`.
 
-        If the state is over at that time, wait until it begins again.
+        If the protocol has left the state by then, wait until it enters the state again.
         """
         simulation = self._simulation
 
@@ -114,7 +114,7 @@ class Injections:
         return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, fault: Fault) -> str:
-        """Return the element that counts as down; if a PE has lost one channel of its bus, that is the channel."""
+        """Return the element that counts as down during a fault: its target, or the lost channel of a PE's bus."""
         bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].target_kind == "twin_pe" else None
         return fault.target if bus is None else f"channel:{bus}.{fault.level}"
 

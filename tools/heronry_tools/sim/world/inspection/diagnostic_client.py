@@ -115,7 +115,7 @@ class DiagnosticClient:
 
 
 def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
-    """Inspect every topic, one after the other."""
+    """Inspect every topic, one after the other; a generator like those of `SdoTalk`."""
     objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
     services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
     yield from objects.wait(1_100)  # a heartbeat, and all pages of the state

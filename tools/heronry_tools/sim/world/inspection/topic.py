@@ -63,6 +63,6 @@ class Topic:
 
 
 def demand(holds: bool, story: str) -> None:
-    """End the inspection with the sentence `story`, a wrong behaviour of the PE, if `holds` is False."""
+    """End the inspection as failed with the sentence `story` if `holds` is False."""
     if not holds:
         raise WrongAnswerError(story)
