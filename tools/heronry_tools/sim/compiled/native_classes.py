@@ -130,7 +130,7 @@ def _first(node: ast.ClassDef) -> int:
 def _words(node: ast.ClassDef) -> dict[str, str] | None:
     """Return the arguments of a class's `dataclass` decorator.
 
-    None if the class has none, or has its own constructor.
+    Return None for a class without this decorator, or with a constructor of its own.
     """
     if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
         return None

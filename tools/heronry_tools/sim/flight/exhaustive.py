@@ -228,7 +228,7 @@ def _frame_faults(nodes: Sequence[str], senders: list[str]) -> Iterator[FrameFau
 def _faults(story: str) -> tuple[Fault, ...]:
     """Return the faults that cause the event of a story.
 
-    In stories that begin with "return" or "clear", by their end.
+    The event of a story that begins with "return" or "clear" is the end of the fault.
     """
     what, _, target = story.partition(" ")
     match what:

@@ -37,8 +37,8 @@ class Wiring:
     def watch(self, see: Callable[[Sent], None], channel: Callable[[int, Sent], None]) -> None:
         """Call `see` for every frame on every wire, and `channel` for every frame on a channel of a replicated bus.
 
-        Channels are 0 and 1. This must be called once, before the first `tap`, since first copies are determined from
-        then on.
+        The callback `channel` also gets the number of the channel, 0 or 1. Call this method once, before the first
+        `tap`, since first copies are determined from then on.
         """
         for name, wires in self.wires.items():
             for number, wire in enumerate(wires):
