@@ -1,7 +1,7 @@
 """Whether a landing is acceptable, and the confidence interval of the share of acceptable landings.
 
-A landing is judged by the state of the aircraft at its first contact with the ground, and by the parts of the aircraft
-that touch the ground from then on. Each criterion that is not met is one cause; a landing without a cause is
+A landing is assessed by the state of the aircraft at its first contact with the ground, and by the parts of the
+aircraft that touch the ground from then on. Each criterion that is not met is one cause; a landing without a cause is
 acceptable. The limits stand in this file alone: tests, campaigns and reports take them from here.
 
 The interval of a share is Wilson's, which is right for shares near 0 and 1 too, where the usual normal approximation is

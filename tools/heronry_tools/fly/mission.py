@@ -44,7 +44,7 @@ class Mission:
     blows: faults that are injected at a time of the flight or below a height
     acts: faults as of `heronry sim`; their times count from the beginning of the flight
     most_height_bias_m: upper limit of a constant height error of the differential receiver, which the seed draws
-    judged: whether the simulator's oracles check the flight; `Landing.violations` has what they find
+    `judged`: whether the simulator's oracles check the flight; `Landing.violations` has what they find
     probed: whether latencies from sensor to servo are measured, in still air and with sensors without errors
     longest_s: when the flight ends without a touchdown
     """

@@ -1,4 +1,4 @@
-"""The record of one flight, from which its pictures and statistics are made and its landing is judged.
+"""The record of one flight, from which its pictures and statistics are made and its landing is assessed.
 
 A record has columns of numbers over time, stretches of time in which something had one state, and marks at single
 times. Its JSON form holds all of it, so that a flight is drawn again without being flown again.

@@ -9,7 +9,7 @@ slices of the epoch before to a PE that is late. Each command names its epoch, s
 From the first ACTIVATE of an epoch on, its configuration is put together as soon as all slices have been seen. The
 manager does not wait for a PE beyond a radio, so the slice of that PE may come later.
 
-Epochs that a manager prepares while it is not active are kept apart: no PE has to obey that manager. A later active
+Epochs that a manager prepares while it is not active are kept apart: no PE has to accept their commands. A later active
 manager may adopt such an epoch; its LEASE then names, in a higher term, what was prepared in a lower one.
 
 Nothing here is read from a manager: a slice that was never on the bus cannot be put together.
