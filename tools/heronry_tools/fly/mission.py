@@ -79,7 +79,7 @@ class Landing:
     mode: mode of the flight management at the end; None if it does not run
     digest: digest of every frame and of the state at the end
     reconfigured_after_s: time from the first fault to the next active configuration; None without one of them
-    worst_height_error_m: greatest error of the steering's height below 10 m; None if never there
+    worst_height_error_m: greatest error, below 10 m, of the estimated height; None if the flight ended above 10 m
     nees: by state of the tracking filter, its mean squared error over its variance; empty without a filter
     violations: what the simulator's oracles found
     latencies_ns: measured latencies from sensor to servo; empty if the mission is not `probed`
