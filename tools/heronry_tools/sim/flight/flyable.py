@@ -1,4 +1,4 @@
-"""Verifies that a spec can be simulated: every module needs an image with code."""
+"""Checks that a spec can be simulated: every module needs an image with code."""
 
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.model import Spec
@@ -6,7 +6,7 @@ from heronry_tools.console.errors import UserError
 
 
 def check_images(spec: Spec) -> None:
-    """Raise UserError if a module's image has no code."""
+    """Raise UserError if the image of a module has no code."""
     for module in spec.modules.values():
         try:
             find_image(module.image)

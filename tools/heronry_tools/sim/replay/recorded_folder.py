@@ -5,9 +5,9 @@
     FOLDER/00000001.log            frames, as candump -L writes them; the next file begins when this one has its size
     FOLDER/00000001.events.jsonl   events and observations (`docs/watch.md`), in the monotonic clock of that computer
 
-The oldest pair of files goes when the next one would exceed the limit of the whole folder. Every pair but the first
-begins with `resumed`, the whole snapshot, so what is left can be read without what is gone. Frames have dates; they
-are read back in the clock of the events.
+The oldest pair of files is deleted when the next pair would exceed the limit of the whole folder. Every pair but the
+first begins with the event `resumed`, a complete snapshot, so the remaining files can be read without the deleted ones.
+The log gives frames with date and time; they are converted to the clock of the events.
 """
 
 import json
@@ -32,7 +32,7 @@ def is_recorded_folder(path: Path) -> bool:
 
 
 def head_of(folder: Path) -> dict[str, Any]:
-    """Read the head of a folder; raises UserError for one of a later version, or damaged."""
+    """Read `flight.json`; raises UserError if it is damaged or of a later version."""
     try:
         head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
         version = head["v"]
@@ -51,7 +51,7 @@ def spec_of(folder: Path) -> Spec:
 
 
 def log_of(folder: Path) -> list[LoggedFrame]:
-    """Read all frames of a folder, in the clock of its events and in order of time.
+    """Return all frames of a folder, in the clock of its events and in order of time.
 
     Lines that are no frames are left out.
     """
@@ -65,7 +65,7 @@ def log_of(folder: Path) -> list[LoggedFrame]:
 
 
 def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
-    """Read all events of a folder, in the order in which they were told."""
+    """Return all events of a folder, in the order in which they were recorded."""
     for file in sorted(folder.glob(f"*{EVENTS_SUFFIX}")):
         for line in _whole_lines(file):
             with suppress(ValueError):
@@ -73,6 +73,6 @@ def events_of(folder: Path) -> Iterator[Mapping[str, Any]]:
 
 
 def _whole_lines(file: Path) -> list[str]:
-    """Read the lines of a file; the last one counts only with its end: a kill may have cut it."""
+    """Return the lines of a file; the last one is left out if its end is missing, since a kill may have cut it."""
     whole, _, _ = file.read_text(encoding="utf-8", errors="replace").rpartition("\n")
     return whole.splitlines()
