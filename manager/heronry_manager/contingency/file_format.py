@@ -38,11 +38,11 @@ _MOST_BYTES = 1 << 28  # unpacked; a file that claims more is not unpacked
 
 
 class ContingencyFileError(HeronryError, ValueError):
-    """A contingency file that cannot be used; the message says why and what to do."""
+    """A contingency file cannot be used; the message says why and what to do."""
 
 
 def read_contingencies(file: Path, spec: Spec) -> Contingencies:
-    """Read the file for a spec; raises ContingencyFileError, or OSError if the file cannot be opened."""
+    """Read the contingency file of a spec; raises ContingencyFileError, or OSError if the file cannot be opened."""
     try:
         return from_bytes(file.read_bytes(), spec)
     except ContingencyFileError as error:
@@ -58,7 +58,10 @@ def to_bytes(made: Contingencies, spec: Spec) -> bytes:
 
 
 def from_bytes(data: bytes, spec: Spec) -> Contingencies:
-    """Decode the content of a file; raises ContingencyFileError."""
+    """Decode the content of a contingency file.
+
+    Raises ContingencyFileError if it is damaged, or made for another spec.
+    """
     content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
         raise ContingencyFileError("the file is not a contingency file")

@@ -59,7 +59,7 @@ _GOES_FIRST = 3  # times T_lease, in flight; a first manager listens for one
 
 
 class Following:
-    """What is known of the active manager."""
+    """Follows the active manager: keeps what it announces and deploys, and decides when it is gone."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class Following:
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE named them
 
     def heard(self, node: int, message: ManagementMessage) -> Changes:
-        """Take a command of another manager; gives the changes that follow from it."""
+        """Take over what another manager's command says; gives the changes of the situation that follow."""
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
@@ -111,7 +111,7 @@ class Following:
         return ()
 
     def is_beat(self, node: int, message: ManagementMessage) -> bool:
-        """Tell whether this is an ALIVE of the manager that is followed; if a fact was due, it came with this ALIVE."""
+        """Tell whether this is an ALIVE of the manager that is followed: with it a beat of that manager is complete."""
         return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
@@ -135,7 +135,10 @@ class Following:
 
     @property
     def runs(self) -> Runs | None:
-        """The running configuration: the last activated one that could be read, or the remembered one; or None."""
+        """The configuration that runs: the last one whose activation was overheard, or the remembered one.
+
+        None: not known.
+        """
         return self._overheard.runs
 
     def holds_script(self) -> bool:
@@ -144,15 +147,15 @@ class Following:
         return self._beats_since_script <= _TURNS * ANNOUNCED_EVERY * facts
 
     def planned(self, plan: Plan) -> None:
-        """Note a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
+        """Keep a plan that this manager has made: if the active manager deploys it, its slices need not be heard."""
         self._overheard.know(plan.configuration)
 
     def hears_lease(self) -> bool:
-        """Tell whether a LEASE came within T_lease."""
+        """Tell whether this manager itself has heard a LEASE within T_lease."""
         return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
 
     def leased_epoch(self) -> int:
-        """Give the epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        """Give the epoch in the last LEASE if that came within T_lease; NO_EPOCH otherwise."""
         return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
 
     def digest_of(self, epoch: int) -> int | None:
@@ -160,14 +163,14 @@ class Following:
         return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
-        """Take a state of a PE: what it runs, and whether it hears a manager."""
+        """Note by page 0 of a PE what the PE runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
         if self.node is None and page.state is not PeState.UNCONFIGURED:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
-        """Tell whether the PEs have no manager any more, or one that some of them refuse."""
+        """Tell whether this manager may take over: the PEs hear no manager any more, or some of them refuse it."""
         now_ns = self._turn.now_ns
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
@@ -179,21 +182,24 @@ class Following:
         return 2 * orphans > len(reporting)
 
     def most_hear_none(self) -> bool:
-        """Tell whether most PEs that are heard, available or not, report that they hear no LEASE."""
+        """Tell whether most of the PEs that are heard, available or not, report that they hear no LEASE."""
         heard = self._heard().values()
         return 2 * sum(not hears for hears in heard) > len(heard)
 
     def available(self) -> frozenset[str]:
-        """Give the PEs in the active manager's last ALIVE."""
+        """Give the PEs that the active manager's last ALIVE has named."""
         return self._available
 
     def unbelieved(self) -> frozenset[str]:
-        """Give the PEs that are heard and have proven nothing; if a manager is known, only those in its last ALIVE."""
+        """Give the PEs that are heard, but have proven no state to this manager.
+
+        If a manager is known, only PEs in its last ALIVE count.
+        """
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
-        """Give for each PE heard within T_lease whether it hears a LEASE.
+        """Give each PE that was heard within T_lease, and whether it reports that it hears a LEASE.
 
         A proven state counts before an unproven one.
         """
@@ -204,5 +210,5 @@ class Following:
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
-        """Give the time (ns) at which the PEs may become orphaned without a further frame; None: they may be now."""
+        """Give the time (ns) from which `is_orphaned` may hold without a further frame; None: it may hold already."""
         return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

@@ -40,7 +40,7 @@ _LEAPS_AFTER, _LEAP = 2, 256  # terms that were refused one after the other; ter
 
 
 class Mastership(Enum):
-    """State of a manager; the values are written into the status."""
+    """States of a manager; the status shows these values."""
 
     LISTENING = "listening"
     STANDBY = "standby"
@@ -90,7 +90,7 @@ TRANSITIONS = TransitionTable(
 
 
 class Claim:
-    """This manager's claim to mastership."""
+    """Decides whether this manager is active, stands by, or ends; keeps its state."""
 
     def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
         """Listen for T_lease from now on."""
@@ -108,15 +108,15 @@ class Claim:
 
     @property
     def is_active(self) -> bool:
-        """Tell whether this manager is active; a manager that only advises counts as active while it would command."""
+        """Tell whether this manager is active; a manager that only advises is active as long as it would command."""
         return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
-        """Tell whether its LEASE goes out."""
+        """Tell whether this manager sends LEASE: it is active, and does more than advise."""
         return self.is_active and not self._settings.advise
 
     def validate(self) -> None:
-        """Check the last transition; raises InvariantError with the recent events."""
+        """Check the last change of state; raises InvariantError, which lists the recent events."""
         is_listed = TRANSITIONS.may_be(self.state, self._last_event)
         require(is_listed, "{} was reached by {}: {}", self.state, self._last_event, self._turn.recent)
 
@@ -126,7 +126,10 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """Note a PE's frame while listening; tells whether it ends a silence: the manager then listens for T_lease."""
+        """Note a frame of a PE.
+
+        Tells whether it is the first one after a silence, from which on this manager listens.
+        """
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
@@ -137,7 +140,10 @@ class Claim:
         self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
 
     def may_begin(self) -> bool:
-        """Tell whether to begin a term; if another manager goes first, this one stands by from now on."""
+        """Tell whether this manager may begin a term now.
+
+        If another manager goes first, this one stands by from now on.
+        """
         until_ns = self.listens_until_ns
         if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
             return False
@@ -148,7 +154,7 @@ class Claim:
     # Being active
 
     def begin_term(self) -> bool:
-        """Become active in a new term; tells whether a term is left. If none is left, this manager ends."""
+        """Become active in a new term; False: all terms have been used, and this manager ends."""
         self._move(MastershipEvent.BEGINS)
         self._refused_since_ns = None  # no PE has heard this term yet
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
@@ -162,7 +168,7 @@ class Claim:
         return True
 
     def commands(self) -> bool:
-        """Note that a plan is requested; tells whether it is the first one of this term."""
+        """Note that a plan is requested; tells whether it is the first plan of this term."""
         is_first = self.state is Mastership.STARTING
         if is_first:
             self._move(MastershipEvent.COMMANDS)
@@ -183,12 +189,15 @@ class Claim:
     # Giving way
 
     def fall_silent(self) -> None:
-        """Send nothing, and listen again from the first PE that is heard."""
+        """Stop sending, and listen again from the first frame of a PE on."""
         self._move(MastershipEvent.FALLS_SILENT)
         self.listens_until_ns, self._goes_first = None, True
 
     def gives_way_to(self, node: int, lease: Lease) -> bool:
-        """Take a LEASE of another manager; tells whether this one now stands by for it. It may end instead."""
+        """Decide on a LEASE of another manager; tells whether this one now stands by for it.
+
+        Without `standby` this manager ends instead, and the answer is False.
+        """
         is_listening, term = self.state is Mastership.LISTENING, self._turn.term
         is_double = node == self._settings.node and lease.term == term  # a manager does not receive its own frames
         if not (is_listening or is_double or lease.term > term):
@@ -203,10 +212,10 @@ class Claim:
         return True
 
     def _is_contradicted_again(self, node: int, term: int) -> bool:
-        """Tell whether a LEASE of this manager and term has come before: half a period ago or longer, within T_lease.
+        """Tell whether the LEASE `node` sends in this term is no single one: another came up to T_lease before.
 
-        Without a key a single LEASE may be a recorded one, or a forged one; a manager that is active repeats it. With a
-        key one LEASE is enough, since it is proven.
+        The two must be half a period apart. Without a key a single LEASE may be a recorded or a forged one; a manager
+        that is active repeats it. With a key one LEASE is enough, since it is proven.
         """
         now_ns, before = self._turn.now_ns, self._contradicted
         is_same = before is not None and before[:2] == (node, term) and now_ns - before[2] <= self._lease_ns

@@ -27,7 +27,7 @@ from heronry_dg.situation import Situation, UnknownElementError, checked_element
 
 
 class MessageError(ValueError):
-    """A line that does not follow this protocol."""
+    """A line does not follow the protocol between the planner's process and its client."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,12 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The process has read the spec and waits for requests."""
+    """The first line of the process: it has read the spec, and waits for requests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best configuration found, and the bounds on its objective that are proven."""
+    """The best configuration found, its objective, and the upper bounds that are proven for it."""
 
     number: int
     configuration: Configuration
@@ -56,7 +56,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The answer without a plan; `reason` says why. `number`: None if the request could not be read."""
+    """The answer if there is no plan; `number` is None if the request could not be read."""
 
     number: int | None
     reason: str
