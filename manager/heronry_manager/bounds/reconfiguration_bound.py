@@ -143,7 +143,7 @@ class Bounds:
         found = Bound(case, None, decide_ns)
         if case.returns:
             told_ns, last = max((self._speaks_ns(pe) + self._up(pe, times), pe) for pe in case.returns)
-            found = replace(found, note="for the first return of a PE in a minute")
+            found = replace(found, note="if the PE was lost only once within a minute")
             return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.silent:
             told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
@@ -151,7 +151,7 @@ class Bounds:
         if case.fault is FaultClass.BUS_LOST:
             return replace(found, note="no PE falls silent: the fault is not noticed", is_hopeless=True)
         told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
-        return replace(found, detect_ns=told_ns, note="from the report on")
+        return replace(found, detect_ns=told_ns, note="counted from the report on")
 
     def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
         """Complete a bound with distributing and activating; `reached`: the PEs that the manager can command."""

@@ -61,7 +61,7 @@ class ConfigurationCode:
                 places[module] = (self._pes[pe_index], mode)
                 wired[module] = [numbers.number() for _ in self._leaves[module, mode.name]]
         if numbers.left():
-            raise PackingError("bytes are left over after the last module")
+            raise PackingError("it has more bytes than the last module needs")
         return Configuration(
             {
                 module: Running(pe, mode.name, dict(self._wires(module, mode.name, wired[module], places)))
@@ -84,7 +84,7 @@ class ConfigurationCode:
 
 def _at(names: Sequence[_T], index: int) -> _T:
     if index >= len(names):
-        raise PackingError(f"index {index} is beyond the spec")
+        raise PackingError(f"it names number {index} of a list in the spec that has only {len(names)} entries")
     return names[index]
 
 

@@ -123,7 +123,7 @@ def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
     tables = tuple(_read_phase(numbers, phase, scope, configurations, spec) for phase in phases)
     if numbers.left():
-        raise PackingError("bytes are left over")
+        raise PackingError("it has more bytes than its contingencies need")
     return Contingencies(spec.digest, scope, configurations, tables)
 
 
@@ -134,14 +134,14 @@ def _read_phase(
     plans = tuple(_read_made(numbers, len(configurations)) for _ in range(numbers.number()))
     by_fault_set = tuple(numbers.numbers())
     if len(by_fault_set) != scope.set_count() or max(by_fault_set) >= len(plans):
-        raise PackingError(f"the plans of phase {phase} do not fit its fault sets")
+        raise PackingError(f"it does not have one plan for each fault set in phase {phase}")
     modules, pes, rest = list(spec.modules), list(spec.pes), tuple(numbers.numbers())
     by_place = tuple(
         (f"module:{modules[module]}@{pes[pe]}", index)
         for pe, module, index in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
     )
     if any(index >= len(plans) for _, index in by_place):
-        raise PackingError(f"a place in phase {phase} has no plan")
+        raise PackingError(f"it lacks the plan for a place in phase {phase}")
     return PhasePlans(phase, safe_mode, plans, by_fault_set, by_place)
 
 
@@ -152,5 +152,5 @@ def _read_made(numbers: Unpacker, known: int) -> Made:
 
 def _checked(number: int, known: int) -> int:
     if not 1 <= number <= known:
-        raise PackingError(f"there is no configuration number {number}")
+        raise PackingError(f"it names configuration {number}, and has only {known}")
     return number

@@ -159,9 +159,7 @@ class Authenticity:
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
-        """Give for the status whether a PE is believed, and how many of its states and of the commands to it are
-        refused.
-        """
+        """Give for the status whether a PE is believed, and how many of its states and commands were refused."""
         peer = self._peers[pe]
         return {
             "is_believed": peer.doubted_ns is None and peer.opened is not None,

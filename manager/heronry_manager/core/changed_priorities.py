@@ -216,7 +216,7 @@ class ChangedPriorities:
         """
         self._untold = Counter({name: self._untold[name] + 1 for name in self._changed})
         late = [name for name, beats in self._untold.items() if beats > longest_beats]
-        changes = [self._restore(name, "the active manager, which holds it no longer") for name in late]
+        changes = [self._restore(name, "the active manager, which no longer announces it") for name in late]
         return [change for change in changes if change is not None]
 
 

@@ -46,8 +46,8 @@ class Exclusion:
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
         """Begin without tokens.
 
-        tells_departures: the driver calls `said` when an ALIVE is on the bus. If False, each call of `named` counts as a call
-            of `said`, too.
+        tells_departures: the driver calls `said` when an ALIVE is on the bus. If False, each call of `named` counts as
+            one of `said`, too.
         """
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {

@@ -65,26 +65,35 @@ TRANSITIONS = TransitionTable(
     {Mastership.LISTENING: "start"},
     (
         (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "LEASE of another manager"),
-        (Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "LEASE of another manager, with --standby",
+        ),
         (
             *(Mastership.LISTENING, MastershipEvent.LETS_126_GO_FIRST, Mastership.STANDBY),
-            "127 hears no manager, with --standby",
+            "manager 127 hears no other manager, with --standby",
         ),
         (Mastership.LISTENING, MastershipEvent.BEGINS, Mastership.STARTING, "no manager is heard"),
         (
             *(Mastership.STANDBY, MastershipEvent.BEGINS, Mastership.STARTING),
-            "the PEs hear no manager any more, or refuse a term that is behind",
+            "the PEs hear no manager any more, or refuse its term as too low",
         ),
         (Mastership.STARTING, MastershipEvent.HAS_NO_TERM, Mastership.RETIRED, "all terms have been used"),
         (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.ACTIVE, "all PEs heard, or the window has closed"),
         (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
-        (Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "another manager has precedence, with --standby",
+        ),
         (
             *(Mastership.ACTIVE, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
             "the manager hears no PE any more, or most PEs hear no LEASE",
         ),
         (Mastership.ACTIVE, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
-        (Mastership.ACTIVE, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.ACTIVE, MastershipEvent.STANDS_BY, Mastership.STANDBY),
+            "another manager has precedence, with --standby",
+        ),
     ),
 )
 

@@ -36,9 +36,9 @@ _NS_PER_MS = 1_000_000
 class Look(Enum):
     """Why the standstills of a PE are read."""
 
-    BEGIN = "it joins: what was before does not matter"
-    TELL = "it was not heard: tell of new ones"
-    SHOW = "the status shows them"
+    BEGIN = "the PE joins: earlier standstills are not reported"
+    TELL = "the PE was not heard: new standstills are reported"
+    SHOW = "the operator requests the status"
 
 
 class PeDetails:

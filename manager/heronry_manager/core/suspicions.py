@@ -55,7 +55,7 @@ class Suspicions:
             return
         evidence = self._carries(bus)
         self._tell(element, by, evidence or "no PE is heard that can be reached over it alone")
-        self._conclude(element, "it stays" if evidence is not None else "no plan needs it before such a PE is back")
+        self._conclude(element, "it stays" if evidence is not None else "no plan uses it before a PE behind it is back")
 
     def beat(self) -> None:
         """End the suspicion of each PE that is lost meanwhile.

@@ -115,7 +115,7 @@ def _situation(
     if not all(isinstance(text, str) for text in (*down, *limits.values())):
         raise MessageError("not a request: an element or a limit is not a string")
     if not all(name in spec.functions and isinstance(n, int) for name, n in priorities.items()):
-        raise MessageError("not a request: a priority is not that of a function")
+        raise MessageError("not a request: a priority is given for something that is not a function")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),

@@ -39,5 +39,7 @@ def target_of(text: str, spec: Spec, core: ManagerCore) -> FlyTarget:
         place = f"line {first.line}: {first.code}: {first.sentence}"
         return FlyTarget(None, f"{place}, and {more} more" if more else place)
     for start, end in outcome.no_wires:
-        return FlyTarget(None, f"{start} -> {end} is no wire from what a module gives to a free input of that variable")
+        return FlyTarget(
+            None, f"{start} -> {end} does not lead from an output of a module to an unwired input for the same variable"
+        )
     return FlyTarget(outcome.configuration)
