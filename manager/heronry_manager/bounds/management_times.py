@@ -94,12 +94,12 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """List the frames with priority over data, the most urgent first, for the analysis.
+        """List the frames with priority over data on a bus, the most urgent first, and count two kinds of them.
 
-        `paced`: SLICE frames as a stream.
+        paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
 
-        The first number counts the emergency events and commands, with which the list begins. The second number counts
-        the EMCYs, which follow these. States and answers come last.
+        The first number counts emergency events and commands, which come first in the list. The second number counts
+        EMCYs, which follow these. States and answers come last.
         """
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [

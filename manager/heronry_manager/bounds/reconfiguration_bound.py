@@ -1,9 +1,9 @@
 """The longest time of a reconfiguration, from the fault to the last ACTIVE: detect, decide, distribute, activate.
 
-    detect      a silent PE is declared down when `misses` heartbeat periods and a quarter of its uplink have passed
-                since its last state. That state may still have been on its way when the PE fell silent. A report of a
-                module comes with one EMCY. A PE that returns sends within a period and is held down for ten more
-                (twice as long after each recent loss; the bound assumes none)
+    detect      a silent PE is declared down `misses` periods and a quarter of a period after its last state; the period
+                is the heartbeat period of its uplink. That state may still have been on its way when the PE fell
+                silent. A report of a module comes with one EMCY. A PE that returns sends within a period and is held
+                down for ten more (twice as long after each recent loss; the bound assumes none)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
@@ -154,7 +154,10 @@ class Bounds:
         return replace(found, detect_ns=told_ns, note="counted from the report on")
 
     def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
-        """Complete a bound with distributing and activating; `reached`: the PEs that the manager can command."""
+        """Add to a bound the times for distributing the slices and for activating the plan.
+
+        reached: the PEs that the manager can command.
+        """
         case = found.case
         way = self._transitions.transition(case.before, case.after, case.now)
         steps = tuple(dict.fromkeys((Step.BREAK, *way.steps))) if case.several else way.steps

@@ -53,7 +53,7 @@ class ContingencyTable:
         return found if running is None or running == self._running[phase] else None
 
     def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
-        """Find as `find` does, but give the whole plan with its report; None: no plan was made."""
+        """Give what `find` gives, as a whole plan with its report; None: no plan was made."""
         found = self.find(down, phase, running)
         if found is None:
             return None

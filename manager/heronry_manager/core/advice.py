@@ -46,7 +46,7 @@ class Advice:
             self._turn.emit("unknown_epoch", epoch=unknown)
 
     def follow(self, now: Situation, overheard: Runs | None) -> bool:
-        """Check whether the PEs run a configuration that is known; tells whether that has just become so.
+        """Check whether the configuration that runs is known now; True: it was not known before.
 
         An advised or overheard configuration becomes known when the PEs run it. If the PEs run any other configuration,
         what runs is no longer known.

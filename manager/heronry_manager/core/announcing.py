@@ -46,7 +46,7 @@ class Announcer:
         return phase[0] if phase else None
 
     def look(self) -> list[Fact]:
-        """List the facts that hold now; a fact that ends and holds again later is then announced as new."""
+        """List the facts that hold now. If a fact is missing once and holds later, it is announced as a new one."""
         fields = map(self._situation.failed.field, self._situation.failed.elements)
         held = sorted(field for field in fields if field is not None)
         facts = self._phase() + [(Operation.HOLDS, *field) for field in held]

@@ -170,7 +170,10 @@ class Authenticity:
     # What goes out
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
-        """Add its TAG behind each command, and the answers to the nonces that have come."""
+        """Give these actions with a TAG behind each command, and then the answers to nonces.
+
+        An answer is given to each nonce for which `answer` was called since the last event.
+        """
         if self._signer.term != self._turn.term:  # this standby manager has taken over
             self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
         sealed: list[ManagerAction] = []
@@ -186,9 +189,9 @@ class Authenticity:
         return sealed
 
     def answer(self, pe: str, page: StatePage2) -> None:
-        """Answer the nonce in page 2 of a PE, to open a session.
+        """Answer the nonce in page 2 of a PE, to open a session, together with the next frames of this manager.
 
-        The answer goes out after this event, once in a period.
+        The same nonce is answered once in a heartbeat period at most.
         """
         peer = self._peers[pe]
         if peer.answers.is_due(page.nonce, self._turn.now_ns):

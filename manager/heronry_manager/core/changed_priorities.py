@@ -199,7 +199,9 @@ class ChangedPriorities:
         return [] if change is None else [change]
 
     def answered(self, pe: str, incarnation: int, index: int) -> None:
-        """Note that the active manager has executed a request, if it has just announced the function's priority.
+        """Note that the active manager has acknowledged a request.
+
+        The request was executed if the active manager has just announced the priority of that function.
 
         index: of the function, with the number of the request, as in CONTROL.
         """

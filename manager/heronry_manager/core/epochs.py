@@ -152,7 +152,7 @@ class Epochs:
 
 
 def module_changes(before: Configuration | None, after: Configuration) -> ModuleChanges:
-    """List the differences of two configurations; None: nothing runs before."""
+    """List how two configurations differ; `before` is None if nothing ran."""
     old: Mapping[str, Running] = {} if before is None else before.modules
     new = after.modules
     return ModuleChanges(

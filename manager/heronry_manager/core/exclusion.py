@@ -46,8 +46,8 @@ class Exclusion:
     def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
         """Begin without tokens.
 
-        tells_departures: the driver calls `said` when an ALIVE is on the bus. If False, each call of `named` counts as
-            one of `said`, too.
+        tells_departures: the driver reports by `said` when an ALIVE is on the bus. If False, `named` has the effect of
+            `said`, too.
         """
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
@@ -103,7 +103,7 @@ class Exclusion:
 
     @property
     def waits(self) -> bool:
-        """Tell whether an ALIVE that leaves out a PE is not yet on the bus, so that a call of `said` is awaited."""
+        """Tell whether an ALIVE that no longer names some PE is not on the bus yet: `said` must be called then."""
         return bool(self._unsaid)
 
     def said(self, pes: Collection[str], now_ns: int) -> None:
@@ -136,9 +136,9 @@ class Exclusion:
         self._holds[pe] = set()
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
-        """Note that a PE was declared down for its silence.
+        """Note that a PE was declared down for its silence, which has lasted since `heard_ns`.
 
-        Some time after `heard_ns` it certainly sends no data any more.
+        After some periods of silence the PE certainly sends no more data of modules.
         """
         self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 

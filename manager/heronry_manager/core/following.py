@@ -170,7 +170,7 @@ class Following:
             self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
-        """Tell whether this manager may take over: the PEs hear no manager any more, or some of them refuse it."""
+        """Tell whether this manager may take over: the PEs hear no manager, or some refuse the active one."""
         now_ns = self._turn.now_ns
         if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
@@ -201,7 +201,7 @@ class Following:
     def _heard(self) -> dict[str, bool]:
         """Give each PE that was heard within T_lease, and whether it reports that it hears a LEASE.
 
-        A proven state counts before an unproven one.
+        The unproven states of a PE count only if it has proven none in that time.
         """
         return self._recently(self._unproven) | self._recently(self._said)
 

@@ -182,9 +182,9 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_no_pe(self, now_ns: int) -> bool:
-        """Tell whether this manager hears nothing: no PE is available, and all that were heard are silent for `misses`.
+        """Tell whether this manager hears nothing: no PE is available, and each is silent for `misses` periods.
 
-        If no PE was ever believed, the unproven states count.
+        PEs that were never heard do not count. If no PE was ever believed, the unproven states count.
         """
         if self.available():
             return False
@@ -293,7 +293,7 @@ class Health:
         record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
-        """Give the PEs of `await_again` that have still proven no state; no PE after the window has closed."""
+        """Give the PEs of `await_again` that have still proven no state; after the window closes, none."""
         return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:

@@ -101,9 +101,9 @@ class HeldScript:
             self.end(why)
 
     def weigh(self, known: Plan, now: Situation, running: Placement | None) -> Plan | None:
-        """Compare the ordered configuration with the plan for this situation.
+        """Compare the ordered configuration with `known`, the plan for this situation.
 
-        Gives a plan of the ordered configuration if that one is to be deployed; None: `known` is to be deployed.
+        Gives a plan of the ordered configuration if that is to be deployed; None: `known` is to be deployed.
         """
         if self._asked is not None:
             plan = self._worthy(self._asked, known, now, running)

@@ -77,7 +77,7 @@ class LimitChanged:
 class ModuleReleased:
     """A fault of a module was cleared, and only a new epoch starts the module again.
 
-    `pe`: the one PE that it concerns.
+    pe: the fault was cleared on this PE alone; None: on all PEs.
     """
 
     module: str

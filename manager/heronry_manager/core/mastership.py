@@ -135,10 +135,7 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """Note a frame of a PE.
-
-        Tells whether it is the first one after a silence, from which on this manager listens.
-        """
+        """Note a frame of a PE; tells whether it ends a silence of all PEs, so that this manager listens now."""
         if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
@@ -221,10 +218,10 @@ class Claim:
         return True
 
     def _is_contradicted_again(self, node: int, term: int) -> bool:
-        """Tell whether the LEASE `node` sends in this term is no single one: another came up to T_lease before.
+        """Tell whether `node` has sent two LEASEs with this term, half a period to T_lease apart.
 
-        The two must be half a period apart. Without a key a single LEASE may be a recorded or a forged one; a manager
-        that is active repeats it. With a key one LEASE is enough, since it is proven.
+        Without a key a single LEASE may be a recorded or a forged one; a manager that is active repeats it. With a key
+        one LEASE is enough, since it is proven.
         """
         now_ns, before = self._turn.now_ns, self._contradicted
         is_same = before is not None and before[:2] == (node, term) and now_ns - before[2] <= self._lease_ns

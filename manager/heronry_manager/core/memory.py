@@ -57,7 +57,7 @@ class PhaseEntered:
 
 @dataclass(frozen=True, slots=True)
 class PhaseRequest:
-    """A PE's request for a phase was executed; `number`: that which the PE gave it, counted in this incarnation."""
+    """A PE's request for a phase was executed; `number`: the PE's count of requests in this incarnation."""
 
     pe: str
     incarnation: int
@@ -82,7 +82,7 @@ class PriorityRestored:
 
 @dataclass(frozen=True, slots=True)
 class PriorityRequest:
-    """A PE's request for a priority was executed; `number`: that which the PE gave it, counted in this incarnation."""
+    """A PE's request for a priority was executed; `number`: the PE's count of requests in this incarnation."""
 
     pe: str
     incarnation: int

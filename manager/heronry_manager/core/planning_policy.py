@@ -71,7 +71,7 @@ class ImmediatePlanner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a plan in the spec depends on: the situation and the running configuration."""
+    """A plan to be made ahead: for this situation, while this configuration runs."""
 
     now: Situation
     running: Placement

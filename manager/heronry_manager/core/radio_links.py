@@ -159,5 +159,8 @@ class RadioLinks:
 
 
 def _step_below(usable: int) -> int:
-    """Give the largest step that is not above `usable` (per mille); nine tenths or more count as the whole."""
+    """Give the largest of the fixed steps that is not above `usable` (per mille).
+
+    From nine tenths on that is the whole.
+    """
     return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

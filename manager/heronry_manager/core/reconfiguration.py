@@ -131,7 +131,7 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """Give when to repeat the command, in ns: one heartbeat period after the first, then 2, 4 and at most 8."""
+        """Give when to repeat the command, in ns: the waits are 1, 2, 4, and then always 8 heartbeat periods."""
         return self.asked_ns + self.participant.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
@@ -267,7 +267,10 @@ class Reconfiguration:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Command GO, or GO_ALL if no DEMUX has to wait for a silent PE; nothing else has to wait."""
+        """Command GO, or GO_ALL if no DEMUX has to wait for a silent PE.
+
+        All other exclusive things must be free.
+        """
         self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:

@@ -180,7 +180,7 @@ class Replanning:
     def _weighed(self, answer: PlanReady) -> PlanReady:
         """Give the configuration of a script in place of a plan that is not better at level 1.
 
-        Otherwise the plan itself.
+        If the plan is better, or there is no script, the plan itself is given.
         """
         script, deployment = self._known.script, self._known.deployment
         was_asked = script.is_asked

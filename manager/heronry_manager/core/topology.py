@@ -53,7 +53,7 @@ def command_period_ns(spec: Spec, pe: str) -> int:
 
 
 def reached_by_wire(spec: Spec) -> frozenset[str]:
-    """Give the PEs between which and the manager's bus there is no radio."""
+    """Give the PEs that the manager can reach without crossing a radio."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
     return frozenset(survivors(spec, Situation(radios)).pe_cpu_millis)
 

@@ -48,9 +48,9 @@ class Choosing(Choice):
         self._worth = self._aim(group, key)
 
     def bound(self) -> int | None:
-        """Find an upper bound of the merged levels, and limit the model to the choices that reach it.
+        """Find an upper bound of the merged sum of levels, and keep only the choices that reach it.
 
-        None: not found in time.
+        None: no bound was found with the given effort.
         """
         self._model.maximize(self._worth)
         solver = self._solved()

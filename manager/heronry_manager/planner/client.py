@@ -201,7 +201,7 @@ class PlannerClient:
         return [] if request is None else [self._outcome(request, answer)]
 
     def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
-        """Make the answer for the caller of an answer of the process, which has verified its plan."""
+        """Turn an answer of the process, which has verified its plan, into the answer to the caller."""
         if isinstance(answer, Refusal):
             return Failed(request.number, answer.reason)
         try:

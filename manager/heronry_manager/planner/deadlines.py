@@ -56,11 +56,11 @@ class _Room:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave.
+    """A moment at which a message could leave, if all more urgent bits were sent before.
 
     end: the moment, in bit times of the bus.
-    always: bits that go first in any case.
-    demand: bits that go first for each other message that is published.
+    always: bits that are sent before in any case.
+    demand: for each other message, the bits that are sent before if it is published.
     """
 
     end: int
@@ -68,7 +68,7 @@ class _Moment:
     demand: Demand
 
     def room(self) -> _Room:
-        """Return the condition that all bits which go first are sent by this moment."""
+        """Return the condition that all bits to be sent before have been sent by this moment."""
         return _Room(self.demand, self.end - self.always)
 
 
@@ -104,10 +104,7 @@ class Deadlines:
         self._punctual.append(published)
 
     def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
-        """Add to the model the condition that a message leaves in time.
-
-        Tell whether the set `published` violates it.
-        """
+        """Add to the model the condition that a message leaves in time; tell whether `published` violates it."""
         if hop in self._stated:
             return False
         self._stated.add(hop)
@@ -143,9 +140,9 @@ class Deadlines:
         return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
 
     def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
-        """Return the condition that a message crosses two buses in time, beside more urgent messages.
+        """Return the condition that a message crosses two buses in time beside more urgent messages.
 
-        In nanoseconds.
+        Its numbers are nanoseconds.
         """
         left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
         demand: Demand = {}
@@ -230,5 +227,5 @@ def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
 
 
 def _demand(message: Message, end: Fraction) -> int:
-    """Return the bits of all instances of a message that go first at the moment `end`."""
+    """Return how many bits of a more urgent message are to be sent before the moment `end`, over all its instances."""
     return ceil((end + 1) / message.period) * message.bits

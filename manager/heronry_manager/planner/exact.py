@@ -178,7 +178,7 @@ class Search:
                 return
 
     def _choose_and_pack(self, group: list[Level]) -> None:
-        """Bound a group of levels by choosing modules without places, then find places for them if that is quick."""
+        """Find an upper bound for a group of levels by choosing modules without places; then try to place these."""
         choosing = Choosing(self._possible, group, self._key)
         bound = choosing.bound()
         if bound is not None:

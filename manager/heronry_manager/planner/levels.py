@@ -192,9 +192,9 @@ def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:
-    """Make the level of changes, negated; it does not count changes that no plan can avoid.
+    """Make the level of changes, negated; changes that no plan can avoid do not count.
 
-    Such is a module that cannot go on as it runs.
+    A module that cannot go on where it runs makes such a change.
     """
     if running is None:
         return _level(6, Kind.SUPPLYING, ())

@@ -49,8 +49,8 @@ class Publishing:
         """Add a constraint: not all of these hops are published together.
 
         For a hop that begins at its source the constraint also holds if the message comes from farther away: the longer
-        way adds jitter, and makes no message earlier. For a hop that comes from another bus it holds only if the
-        producer is on the side of that bus.
+        way adds jitter, and makes no message earlier. For a hop that comes from another bus the constraint holds only
+        if the data of the producer come over that bus.
         """
         taken: list[IntVar] = []
         facts = 0
@@ -66,7 +66,7 @@ class Publishing:
     def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
         """Add a constraint: if a hop is published, one of these literals is true.
 
-        For a hop that comes from another bus it holds only if the producer is on the side of that bus.
+        For a hop that comes from another bus the constraint holds only if the data of the producer come over that bus.
         """
         elsewhere = [self.messages[self.key(hop)].negated(), *literals]
         there = self._comes_from(hop)

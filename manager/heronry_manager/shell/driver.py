@@ -102,11 +102,14 @@ class ManagerDriver:
         self._stopping = False
 
     def stop(self) -> None:
-        """End the loop at its next turn; safe in a signal handler."""
+        """Let `run` end at the next turn of its loop; safe in a signal handler."""
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> str | None:
-        """Run the manager until it is stopped; returns the reason when the core stopped by itself."""
+        """Run the manager until the core ends, or `stop` is called; returns the reason if the core has ended.
+
+        until_eof: also end when standard input ends.
+        """
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._planners.readers(), *self._control.readers()]

@@ -71,7 +71,10 @@ def whole_journal(spec: Spec, memory: Memory) -> bytes:
 
 
 def recovered(data: bytes) -> tuple[Memory, str | None]:
-    """Read a journal, damaged or not; gives the memory, and the digest of its spec (None if the digest is damaged)."""
+    """Read a journal, which may be damaged; gives the memory, and the digest of its spec.
+
+    The digest is None if it is damaged.
+    """
     contents = dict(_whole_lines(data))
     first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
     facts, numbers = NOTHING, NOTHING

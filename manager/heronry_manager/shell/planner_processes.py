@@ -112,7 +112,7 @@ class PlannerProcesses:
 
 
 def _answers(planner: PlannerLink | None, until_ns: dict[int, int]) -> Iterable[Planned | Failed]:
-    """Take the answers of a process; if a request exceeds its budget, replace the process, and give failures."""
+    """Give the answers of a process; if it exceeds a budget, it is replaced, and its requests have failed."""
     if planner is None:
         return []
     answers = planner.poll()

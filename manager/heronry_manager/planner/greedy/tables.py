@@ -27,7 +27,7 @@ from heronry_manager.planner.greedy.wanted import Wanted, wanted_in
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """All tables of one spec."""
+    """One spec in the integers with which the greedy planner works."""
 
     numbers: Numbering
     sizes: Sizes
