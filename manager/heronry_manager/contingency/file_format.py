@@ -6,11 +6,16 @@
     ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
-The numbers are, in this order: the number of faults; whether places in use are planned for (1 or 0); the elements
-(indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the configurations, as rows; and a
-part for each phase. That part has the number of the safe mode; the plans (number of the configuration, proven or not,
-ten integers of worth); for each fault set in the order of `Scope.fault_sets` the index of its plan; and for each place
-in use its PE, module and the index of its plan. So a fault set takes only the room of that index.
+The numbers are, in this order:
+
+    most faults in a set; whether places in use are planned for (1 or 0)
+    the elements (indices into `situation.elements`)
+    the phases (index + 1; 0 for a spec without phases)
+    the configurations, as rows (`configuration_code`)
+    for each phase   the number of its safe mode
+                     the plans: number of the configuration, proven or not, the value as ten integers (`worth_of`)
+                     for each fault set, in the order of `Scope.fault_sets`: the index of its plan
+                     for each place in use: its PE, its module, the index of its plan
 
 The format is heronry's own, because indices into a spec that is bound by its digest need a tenth of the room of names.
 It is compressed, because the configurations of similar fault sets differ in a few modules. zlib and SHA-256 are in the

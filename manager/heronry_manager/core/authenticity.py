@@ -31,14 +31,15 @@ the TAG of the answer proves both. An answer that the standby manager has missed
 knows, opens nothing.
 
 *Other managers.* This manager believes another manager whose commands carry right tags with rising numbers; nothing
-else can end a mastership. A standby manager sends no nonce, so it finds the upper bits of the current number by trying.
-A command under this manager's own node-ID comes from a second manager only if its number is above this manager's last
-one; any other may be a replay of this manager's own commands.
+else can end a mastership. A TAG carries only the lower bits of the number. A PE learns the upper bits from the answer
+to its nonce; a standby manager sends no nonce, and finds them by trying. A command under this manager's own node-ID
+comes from a second manager only if its number is above this manager's last one; any other may be a replay of this
+manager's own commands.
 
 Page 1 is no sign of life, and needs no number: what a PE reports on an epoch stays true as long as its session lasts.
 
 Page 3 and the reports of gateways on radios have no room for a proof. Page 3 only names digests that the manager tries.
-Page 2 names a nonce, and the nonce itself shows that the key has made it, now or once.
+Page 2 names a nonce, and the nonce itself shows that a holder of the key has made it, now or earlier.
 
 *Denial.* Frames without proof end nothing here. A session is open until the PE tags a state in a newer one, and a PE
 begins a newer one only after RENEW or in a new term. `attack_rate` counts the frames without proof.

@@ -63,7 +63,7 @@ class Deployment:
         *,
         frames_per_command: int = 1,
     ) -> None:
-        """Begin with nothing; `on_board` and `frames_per_command` as for `Epochs`."""
+        """Begin without epochs; `Epochs` explains `on_board` and `frames_per_command`."""
         self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
         self.observed = Observations(spec.pes)
         self.epochs = Epochs(

@@ -9,10 +9,12 @@ a configuration that the PE may be running places the token there:
              mastership begins
     keeps    once the PE has reported an epoch (it is BROKEN or further): only the tokens of that epoch, and of newer
              epochs, since the PE may take up a newer epoch without a further report
-    loses    all tokens, when the PE is a new incarnation. The tokens of modules, when the PE was declared down for its
-             silence, and the silence has lasted for three periods and a quarter of the slowest bus on the way to the
-             PE. Any other token, T_lease after the first ALIVE on the bus that does not name the PE: until then the PE
-             may have heard other nodes, and T_lease later it has stopped by itself
+    loses    all tokens, when the PE is a new incarnation.
+             The tokens of modules, when the PE was declared down for its silence, and the silence has lasted for three
+             and a quarter heartbeat periods of the slowest bus on the way to the PE.
+             Any other token, T_lease after the first ALIVE on the bus that does not name the PE. A PE that hears this
+             ALIVE stops immediately. A PE that does not hear it may have heard other nodes until then, but hears none
+             from then on, and stops by itself when T_lease is over
 
 Why three periods and a quarter, where `misses` may be fewer: the PE sends a module's frames for two periods after it
 has heard another node, and it may have heard one a period after its last state. The same holds for the gateway that

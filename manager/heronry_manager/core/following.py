@@ -6,10 +6,10 @@
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
                 manager, each heard within T_lease (of its own bus, where that period is longer), report that they hear
                 no LEASE either. So the active manager is gone, and not only the wire of this manager is broken
-    behind      LEASEs come with a lower term than one that is known to have been used, and some PE reports that it
-                hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for ever. For
-                `LEARNS_LEASES` times T_lease this manager learns what the other one announces; then it takes over with
-                a term that all PEs accept
+    behind      another manager sends LEASEs with a lower term than one that is known to have been used, and some PE
+                reports that it hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for
+                ever. For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it
+                takes over with a term that all PEs accept
 
 If no manager was ever heard, this manager relies on the reports of the PEs after the start-up window: the aircraft may
 just have been switched on, and the first manager with it. If some PE runs a configuration, the aircraft flies, and this
@@ -28,8 +28,8 @@ This manager ignores a manager with a lower term than another one, for as long a
 Forged states that make a mastership look refused only end that mastership, and a manager that the PEs accept follows
 it.
 
-A manager that only advises follows in the same way, beside an active manager: it takes over nothing, and plans upon
-what it learns.
+A manager that only advises follows an active manager in the same way. It never takes over, and makes its plans for the
+situation that it learns of.
 
 With a key LEASE, ALIVE and CONTROL count when they are proven, and a state when it is believed. Slices need no proof,
 since the digest in LEASE proves them. That digest also serves to read the states of PEs.
@@ -71,7 +71,10 @@ class Following:
         *,
         on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """Wait `patience_ns` for the first LEASE of any manager; `on_board` as for `Overheard`."""
+        """Wait `patience_ns` for the first LEASE of any manager.
+
+        on_board: the configurations that PREPARE can name by number; None: there are none.
+        """
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         self._recent_ns = {

@@ -2,11 +2,11 @@
 
     LISTENING   for T_lease after its start: a LEASE means that another manager is active, and this one does not start.
                 A manager that was active and hears no PE any more listens until it hears one again: its receiver has
-                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them. A
-                manager that most PEs refuse listens as well: they report that they hear no LEASE, because they know of
-                a higher term. It listens for twice as long after each refusal. Its next term may be high enough. After
-                two refusals in a row the journal that knew the higher terms may be lost: once in its life a manager
-                then skips many terms
+                failed, or its wire is broken, and its commands could only take outputs away from PEs that hear them.
+                A manager that most PEs refuse listens, too: these PEs report that they hear no LEASE, because they know
+                of a higher term. The manager listens for twice as long after each refusal, and begins the next term,
+                which may be high enough. After two refusals in a row it may be that a lost journal had the higher
+                terms: then a manager skips many terms, once in its life
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
     REIGNING    it is active, and has requested its first plan: normal operation

@@ -54,7 +54,7 @@ class ModuleNotices:
 
 
 class Disagreements(ModuleNotices):
-    """Comparators whose inputs differ."""
+    """Keeps which comparators have inputs that differ."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit("disagreement", module=module, by=by, detail=detail)
@@ -64,14 +64,14 @@ class Disagreements(ModuleNotices):
 
 
 class UnknownReports(ModuleNotices):
-    """Modules that report an element which the spec does not have."""
+    """Keeps which modules report an element that the spec does not have."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:
         self._turn.emit("unknown_element", module=module, by=by, detail=detail)
 
 
 class UnknownOutputs(ModuleNotices):
-    """Modules that give a misspelt output."""
+    """Keeps which modules give an output whose name is misspelt."""
 
     def _begun(self, module: str, by: str, detail: int) -> None:  # noqa: ARG002 - it is always 0
         self._turn.emit("unknown_output", module=module, by=by)

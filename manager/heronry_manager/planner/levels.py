@@ -5,10 +5,12 @@ quantity that should be small is negated. Neighbouring levels are solved togethe
 since each level's weight is greater than the sum of all levels below it. The groups were chosen because they are solved
 fast together; a group is cut where its weighted sum would not fit 62 bits:
 
-    serving    critical classes and utility: as a rule all can be served, and then no search is needed
-    supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
-    thrift     bandwidth and CPU: partitioning a graph most of whose modules have their places; the linear relaxation
-               gives the bounds too
+    serving    levels 1 and 2, critical classes and utility. As a rule all functions can be served, and then no search
+               is needed
+    supplying  levels 3 to 5, inputs, changes and branches. For the solver this is a packing problem, in which the
+               linear relaxation gives good bounds
+    thrift     levels 6 and 7, bandwidth and CPU. For the solver this is the partitioning of a graph in which most
+               modules have their places already; the linear relaxation gives good bounds here, too
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

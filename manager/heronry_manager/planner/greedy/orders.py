@@ -1,7 +1,8 @@
-"""The orders in which the inputs of gates, and their givers, are tried: by worth, and by price. Ties: the spec's order.
+"""The orders in which the inputs of gates, and their givers, are tried: by worth, and by price.
 
-The *price* of a mode is an estimate of the CPU that it takes together with its cheapest producers. The price only
-orders alternatives. A *giver* of a leaf is a mode that may feed it.
+Inputs of equal worth or price are tried in the order of the spec. The *price* of a mode is an estimate of the CPU that
+it takes together with its cheapest producers. The price only orders alternatives. A *giver* of a leaf is a mode that
+may feed it.
 """
 
 from collections.abc import Sequence

@@ -42,7 +42,7 @@ class Greedy:
     """The greedy planner of one spec."""
 
     def __init__(self, spec: Spec) -> None:
-        """Compute what does not depend on faults: some milliseconds for each set of inputs that some phase wires."""
+        """Compute everything that does not depend on faults, which takes some milliseconds or more."""
         closed = {phase: _closed(spec, phase) for phase in (None, *spec.phases)}
         phase_of = {inputs: phase for phase, inputs in closed.items()}
         prepared = {inputs: _Prepared(spec.in_phase(phase)) for inputs, phase in phase_of.items()}
