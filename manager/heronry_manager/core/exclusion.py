@@ -29,8 +29,8 @@ or doubled: a late page 0 has no effect (`deployment`). A manager that restarts 
 its first ALIVE on for each PE that it does not hear.
 
 What the manager does not know: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that sends but
-does not acknowledge is failed as well. It goes on sending until it hears an ALIVE that does not name it, so then the
-identifiers wait too.
+does not acknowledge its commands is failed, too. It goes on sending until it hears an ALIVE that does not name it; so
+the identifiers of its modules, too, wait until it has stopped.
 """
 
 from collections.abc import Collection, Iterable, Mapping

@@ -2,8 +2,8 @@
 
 A PE that holds its slice of a configuration needs no SLICE frames for it: PREPARE gives the number of the
 configuration. Configurations are numbered by their importance, the most important first, so a PE holds the
-configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For the others the
-manager sends slices as usual.
+configurations from 1 to as many as its `table_bytes` have room for (and PREPARE's 12 bits can name). For all other
+configurations the manager sends slices.
 
 The manager works out from its own file what every PE holds. A PE whose table has no contingencies, or was made from
 another file, reports that its slice is not on board, and gets the slice (`reconfiguration`). So manager and PEs need

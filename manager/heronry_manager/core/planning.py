@@ -17,8 +17,8 @@ A lost answer blocks nothing: the next change of the situation leads to a new re
 dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, its first
-request has no cause but the mastership itself. So every change in the events has a cause.
+forgets them: the manager then finds the faults again. If a mastership begins while every PE is held down, the
+mastership itself is the cause of its first request. So every change in the events has a cause.
 """
 
 from heronry_dg.configuration import Configuration

@@ -1,4 +1,4 @@
-"""Packing, for functions of class A to D that find no room one after the other: choose modules first, then place them.
+"""Packing, for functions of class A to D that find no room one by one: modules are chosen first, and then placed.
 
 *Choose*: serve these functions in their cheapest modes, by their cheapest producers, on PEs without limits.
 

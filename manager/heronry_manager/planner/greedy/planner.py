@@ -10,7 +10,7 @@ A plan is legal by construction: every step of a draft keeps the limits of capac
 (`draft`). Deadlines are checked when a draft is done (`punctuality`); if one would be missed, the draft is made once
 more, with a check of every message before it is published. The empty plan is always legal, so there is always a plan.
 
-The planner uses no clock, no random source, and no state but what follows from the spec: the same situation and running
+The planner uses no clock and no random source, and all its state follows from the spec: the same situation and running
 configuration always give the same plan.
 
     tables       the spec in integers, worked out once, from seven parts
