@@ -4,8 +4,9 @@
                 faults), which PEs are available to it and what it activates, as if it were its own (`memory`), and
                 makes no plan
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that were last available to the active
-                manager, each heard within T_lease (of its own bus, where that period is longer), report that they hear
-                no LEASE either. So the active manager is gone, and not only the wire of this manager is broken
+                manager report that they hear no LEASE either. Only reports within T_lease count: that of the manager's
+                bus, or that of the PE's own bus if it is longer. So the active manager is gone, and not only the wire
+                of this manager is broken
     behind      another manager sends LEASEs with a lower term than one that is known to have been used, and some PE
                 reports that it hears no LEASE: that PE has heard the higher term, and would refuse these LEASEs for
                 ever. For `LEARNS_LEASES` times T_lease this manager learns what the other manager announces; then it

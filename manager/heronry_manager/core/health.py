@@ -3,12 +3,13 @@
 Each PE has one record. Only the frames of the PE and time change its standing, never a command: WAITING, UP, SUSPECT,
 DOWN or RETURNING, as the table in `standing` says.
 
-A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. It counts as a
-fault and a return together. So does a PE that reports UNCONFIGURED although it was given a configuration
-(`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine.
-Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all PEs fall
-silent together, this manager itself hears nothing, and the losses of the PEs are discounted (`discount_losses`).
-Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in quarantine.
+A new incarnation means a reboot, even if no beat (state frame) was missed: what ran there runs no more. A reboot counts
+as a fault and a return together. A PE that reports UNCONFIGURED although it was given a configuration is treated in the
+same way (`lost_configuration`). A PE that keeps failing is held down for twice as long each time, up to a minute:
+quarantine. Its losses are forgiven when it has been available for a minute, or by the operator (`forgive`). Where all
+PEs fall silent together, this manager itself hears nothing, and the losses of the PEs are discounted
+(`discount_losses`). Otherwise a manager whose receiver fails now and then would find all PEs of its aircraft in
+quarantine.
 
 A PE may send while its receiver has failed: it then reports that it hears no lease. A PE that reports this for longer
 than T_lease of the slowest bus on the way to it, while the manager sends, has certainly released everything exclusive,

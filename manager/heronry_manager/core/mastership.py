@@ -9,7 +9,7 @@
                 terms: then a manager skips many terms, once in its life
     STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
                 to close
-    REIGNING    it is active, and has requested its first plan: normal operation
+    ACTIVE      it is active, and has requested its first plan: normal operation (in the status: `reigning`)
     STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
     RETIRED     another manager is active, and this one was started without `standby`: silent for ever
 
