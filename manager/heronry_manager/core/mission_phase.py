@@ -30,7 +30,7 @@ from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS
 
 
 class MissionPhase:
-    """The phase that plans are made for."""
+    """Keeps the present mission phase, and decides on requests to change it."""
 
     def __init__(self, spec: Spec) -> None:
         self._order = list(spec.phases)
@@ -46,7 +46,7 @@ class MissionPhase:
         return index < len(self._order)
 
     def remember(self, requests: Mapping[str, tuple[int, int]]) -> None:
-        """Take up which requests were executed: incarnation of each PE, and number of its last request."""
+        """Restore the last executed request of each PE: the incarnation of the PE, and the number of the request."""
         self._last = dict(requests)
 
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
@@ -59,7 +59,7 @@ class MissionPhase:
         return True
 
     def allows(self, index: int, detail: int) -> bool:
-        """Tell whether a request for a phase of the spec changes the phase."""
+        """Tell whether a request for the phase with this index changes the phase; `detail`: as in the EMCY."""
         if self._order[index] == self.current:
             return False
         return not detail & FORWARD_ONLY or self.current is None or self.current in self._origins[index]
