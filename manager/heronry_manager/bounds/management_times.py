@@ -94,12 +94,12 @@ class ManagementTimes:
         return bus == self._spec.manager.bus
 
     def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
-        """List the frames with priority over data on a bus, the most urgent first, and count two kinds of them.
+        """List the frames on a bus that have priority over data, the most urgent first, with two counts.
+
+        The list has, in this order: CANaerospace emergency events and commands, SLICE frames among them (the first
+        number counts these); CANopen EMCY frames (the second number); state frames and answers of PEs.
 
         paced: treat the SLICE frames as an endless stream at their pace; otherwise as one burst.
-
-        The first number counts emergency events and commands, which come first in the list. The second number counts
-        EMCYs, which follow these. States and answers come last.
         """
         period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
         senders = [

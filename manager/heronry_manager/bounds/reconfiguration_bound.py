@@ -2,20 +2,22 @@
 
     detect      a silent PE is declared down `misses` periods and a quarter of a period after its last state; the period
                 is the heartbeat period of its uplink. That state may still have been on its way when the PE fell
-                silent. A report of a module comes with one EMCY. A PE that returns sends within a period and is held
-                down for ten more (twice as long after each recent loss; the bound assumes none)
+                silent. A fault that a module reports is detected when its EMCY has arrived. A PE that returns sends
+                within a period and is held down for ten more (twice as long after each recent loss; the bound assumes
+                none)
     decide      given by the caller, since the planner has no deadline; only a table look-up has one
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    for every step of the transition, one command and its last answer. Before GO_ALL a DEMUX that a silent
-                PE may still drive waits for T_lease. That time begins when the PE is declared down, with the first
-                ALIVE that does not name it
+                PE may still drive waits for T_lease. T_lease counts from the first ALIVE that does not name this PE;
+                the manager sends that ALIVE when it declares the PE down
 
 If several PEs fall silent together, each is declared down at its own moment, and the reconfiguration begins anew each
 time. The bound counts from the last declaration, and includes the frames of the epochs that were begun before it.
 
-A bound holds for one fault at a time (a reported fault: by one module), without lost or destroyed frames, on nodes that
-compute in no time. The manager waits for no PE beyond a radio, unless that PE must stop something first; then the bound
-treats the radio as a cable. If a time has no bound it is None, and `note` says why.
+The bound holds if no other fault occurs during the reconfiguration, apart from PEs that fall silent together; if only
+one module reports a fault; if no frame is lost or destroyed; and for nodes that compute in no time. The manager waits
+for no PE beyond a radio, unless that PE must stop something first; then the bound treats the radio as a cable.
+If a time has no bound it is None, and `note` says why.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

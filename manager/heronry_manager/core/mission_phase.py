@@ -50,7 +50,11 @@ class MissionPhase:
         self._last = dict(requests)
 
     def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
-        """Note that a request of a PE is executed, here or by another manager; tells whether it is a new one."""
+        """Note that this manager or another one has executed the request for a phase that a PE sent.
+
+        detail: the requested phase and the number of the request, as in the EMCY. Returns True if the request was not
+        known before.
+        """
         number = detail & ~FORWARD_ONLY
         last_incarnation, last = self._last.get(pe, (incarnation, number - 1))
         if incarnation == last_incarnation and (last - number) % REQUEST_NUMBERS < REQUEST_NUMBERS // 2:

@@ -7,16 +7,16 @@ Two things can be measured at any CAN interface:
                 achieves. This is not measured where the driver cannot tell how long a frame took
     delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
 
-The usable share of the bit rate is the product of both, over the last ten heartbeat periods. If the last two periods
-give less than half of that, only they count: it is better to reduce the bandwidth too early than too late, since a late
-reduction lets a queue grow.
+The usable bit rate is the carried bit rate times the share of the frames that were delivered, both over the last ten
+heartbeat periods. If the last two periods alone give less than half of it, only they count: it is better to reduce the
+bandwidth too early than too late, since a late reduction lets a queue grow.
 
 An *outage* is silence in both directions, and says nothing about the bandwidth before and after it. It counts as one
 lost frame of each sender; the frame of this node that was stuck in the controller is not counted.
 
 The radio is *gone* when no frame has been heard for the number of periods that a node of its bus may miss, and an
-eighth of a period. So the manager learns that all nodes beyond the radio are lost, before it misses one of them by
-itself. When a frame is heard again, the measurement begins anew.
+eighth of a period. So the manager learns that everything beyond the radio is lost, before it would declare the first of
+those nodes down. When a frame is heard again, the measurement begins anew.
 
 Counting of a sequence begins anew if its numbers jump (its sender has rebooted), or if the sequence was not heard for
 ten periods (its frames may have taken another route). A doubled or late frame is not counted as a loss. A forged state

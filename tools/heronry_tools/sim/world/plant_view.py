@@ -20,7 +20,7 @@ class PlantView:
         self._plant, self._clock = plant, clock
 
     def open(self, name: str) -> PlantDevice:
-        """Return the device of this name, which is read and moved at the true time."""
+        """Return the device of this name, read and moved at the time of the simulation, not by the clock of a node."""
         return PlantDevice(self._plant, name, self._true_ns)
 
     def follows(self, sensors: Iterable[str]) -> frozenset[str]:
