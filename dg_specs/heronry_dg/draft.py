@@ -55,7 +55,7 @@ _WANTED: Final = {  # by type of pydantic error: the rule, the value that was ex
 
 @dataclass(frozen=True, slots=True)
 class Element(Generic[F_co]):
-    """One named element of the file; `form` is None where a field has a mistake."""
+    """One named element of the file; `form` has its fields, or is None where a field has a mistake."""
 
     name: str
     place: Place  # of its name
@@ -65,7 +65,7 @@ class Element(Generic[F_co]):
 
 @dataclass(frozen=True, slots=True)
 class ModuleElement(Element[schema.ModuleForm]):
-    """A module with its modes, best first; broken modes are listed too."""
+    """A module with its modes, best first; a mode with a mistake is among them, with `form` None."""
 
     modes: Mapping[str, Element[schema.ModeForm]] = field(default_factory=dict)
 
@@ -222,10 +222,10 @@ class _DraftReader:
         *,
         misspelt: Collection[str] = (),
     ) -> F_co | None:
-        """Read the fields of an element; None, and findings, where a field has a mistake.
+        """Read the fields of an element; gives None, and adds findings, where a field has a mistake.
 
-        known: names of fields to suggest, if they are not just those of `form`. misspelt: fields that the file has
-        under a wrong name; they are not reported as missing.
+        known: names of fields to suggest for an unknown field; by default those of `form`. misspelt: fields that the
+        file has under a wrong name, so that they are not reported as missing.
         """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:
@@ -291,12 +291,12 @@ class _FormFindings:
 
 
 def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
-    """Give the known fields that some of the names seem to be misspellings of."""
+    """Give the known fields of which some of these names seem to be misspellings."""
     return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 
 def _translated(error: Any) -> tuple[Rule, str, str]:
-    """Give rule, sentence and hint for an error of one of pydantic's own types."""
+    """Give rule, sentence and hint for an error that pydantic itself raises."""
     rule, wanted, hint = _WANTED.get(
         error["type"], (rules.WRONG_TYPE, "something else", "heronry schema tells what each field may be")
     )

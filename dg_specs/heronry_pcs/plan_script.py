@@ -106,9 +106,9 @@ class _Space:
         return None
 
     def _names(self, module: Module) -> Iterator[tuple[Place, tuple[str, ...]]]:
-        """Give each mode and possible PE with the images that select it.
+        """Give each mode and possible PE of a module, with the images that select it.
 
-        Four forms select it: with mode and PE, without the PE, without the mode, without both.
+        There are four: with mode and PE, without the PE, without the mode, without both.
         """
         for mode in module.modes:
             for pe in hosts_when_all_is_up(self._spec, module):
