@@ -299,7 +299,7 @@ class Link:
     def departures_ns(self) -> list[int]:
         """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        0 where that is not known.
+        A time of 0 means that it is not known.
         """
         departed = list(self._departed)
         self._departed.clear()

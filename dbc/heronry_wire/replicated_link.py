@@ -157,9 +157,7 @@ class ReplicatedLink:
     def departures_ns(self) -> list[int]:
         """Give for each frame sent since the last call how long the controller had it, in ns.
 
-        0 where that is not known.
-
-        Of the two copies, the one that was sent first counts.
+        A time of 0 means that it is not known. Of the two copies of a frame, the one that was sent first counts.
         """
         departed = list(self._departed)
         self._departed.clear()

@@ -92,7 +92,10 @@ def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, orde
 
 
 def criticality_ranks(spec: Spec) -> dict[str, int]:
-    """Give the best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
+    """Give for each module the best criticality, 0 (A) to 4 (E), of the functions to which it could contribute.
+
+    All phases count, and all modes of the modules.
+    """
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
     feeders = _feeders(spec)
     for function in spec.functions.values():

@@ -249,7 +249,7 @@ class Transitions:
 
 
 class _Mixtures:
-    """The highest possible loads of the buses, for any set of PEs that have taken a step."""
+    """The highest possible load of each bus while some PEs run the old configuration and others already the new one."""
 
     def __init__(
         self,

@@ -36,8 +36,10 @@ BEFORE, BROKEN, HELD, AFTER = "before", "broken", "held", "after"
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """The transition to verify: mode and PE of each module now (`now_runs`) and later (`shall_run`),
-    and the traffic.
+    """The transition to verify, and its traffic.
+
+    now_runs, shall_run: mode and PE of each module before and after the transition. sends_now, shall_send: what the PEs
+    publish and forward before and after it.
     """
 
     spec: Spec

@@ -39,7 +39,7 @@ class Feasible:
                 yield module, mode
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
-        """Tell whether the modes that remained before round `before` could meet a gate expression."""
+        """Tell whether a gate expression could be met by modes that were not removed before round `before`."""
         return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
 
     def _could_be_given(self, leaf: Leaf, before: int) -> bool:

@@ -26,17 +26,17 @@ _LAMPS: Final = (
 
 
 def _display(needs: str) -> str:
-    """Give modules of which `display` has these needs."""
+    """Write the section `modules`: a driver that gives `speed`, and a display with these needs."""
     return f"modules:\n{DRIVER}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _voter(needs: str) -> str:
-    """Give the same modules with two versions of the variable, each given by a separate driver."""
+    """Write a spec as `_display` does, but with two versions of `speed`, each given by a driver of its own."""
     return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _lamps(first: str, second: str) -> str:
-    """Give two modules that may be branches of DEMUX `light`."""
+    """Write a spec with two displays, which have these fields and may be the branches of DEMUX `light`."""
     return (
         f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
         f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
@@ -44,7 +44,7 @@ def _lamps(first: str, second: str) -> str:
 
 
 def _paths(ends: str) -> str:
-    """Give a DEMUX with two branches, each of which leads on to an actuator; `ends`: its `to`."""
+    """Write a spec with a DEMUX of two branches, each of which leads on to an actuator; `ends` is the field `to`."""
     return (
         "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
         "  second_lamp: {kind: actuator, pe: nav}\n"
