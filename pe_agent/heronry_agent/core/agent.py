@@ -18,7 +18,8 @@ such a node.
 """
 
 from collections import Counter, deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
@@ -71,15 +72,15 @@ class AgentCore:
         incarnation: int,
         now_ns: int,
         *,
-        missing_images: frozenset[str] = frozenset(),
+        missing_images: Mapping[str, str] = MappingProxyType({}),
         secret: Secret | None = None,
         followed: Collection[str] | None = None,
     ) -> None:
         """Start without a configuration; the first deadline is `now_ns`.
 
         incarnation: boot count, 0..255, different from that of the last start of this PE.
-        missing_images: images of the table whose code is not on this PE. The agent reports their modules to the manager
-            at its start, and refuses a slice that contains one of these modules.
+        missing_images: images of the table whose code is not on this PE, each with the reason. The agent reports their
+            modules to the manager at its start, and refuses a slice that contains one of these modules.
         secret: the key of the fleet; with a key the PE executes only commands that are tagged with it.
         followed: names of the actuators of other PEs whose output echoes go to the plant of this PE; None: all of them.
         Raises TableError where the table contradicts itself.
@@ -258,10 +259,8 @@ class AgentCore:
 
     def _images_missing(self, event: ImagesMissing) -> None:
         """Report the modules of these images to the manager, and refuse slices with such a module from now on."""
-        self.staging.reader.missing_images |= event.images.keys()
-        for image, reason in sorted(event.images.items()):
-            self._turn.note("image", f"{image} cannot be run here: {self.modules.cannot_run(image, reason)}")
-        self.modules.lack(event.images.keys())
+        self.staging.reader.missing_images |= event.images
+        self.modules.lack(event.images)
 
 
 def _start_notes(table: PeTable, secret: Secret | None) -> tuple[str, str]:

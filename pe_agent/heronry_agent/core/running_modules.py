@@ -23,7 +23,7 @@ not follow its command, although its servo is healthy. The module that made the 
 what it has observed.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from heronry_agent.core.failure_texts import FailureTexts
@@ -58,6 +58,7 @@ from heronry_agent.core.vocabulary import (
 )
 from heronry_agent.module import DISAGREEMENT, Value
 from heronry_wire.configuration_slice import Slice
+from heronry_wire.failure_text import plain_reason
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
@@ -209,13 +210,6 @@ class RunningModules:
                 words = f"partition {partition}{self._with_names(partition)} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 
-    def cannot_run(self, image: str, reason: str) -> str:
-        """Record for the modules of an image why its code cannot be imported; returns the reason as plain text."""
-        for entry in self._index.modules.values():
-            if entry.image == image:
-                reason = self.failures.found(entry.index, Failure(reason))
-        return reason
-
     def not_ready(self, event: NotReady) -> None:
         """Make a module due now, because its last step was not computed (NotReady)."""
         if not self.schedule.again(event.module, event.release, self._turn.now_ns):
@@ -262,12 +256,19 @@ class RunningModules:
         """Send the reports again that are due and not acknowledged."""
         self._tell(self.faults.tick(self._turn.now_ns))
 
-    def lack(self, images: Collection[str]) -> None:
-        """Report every module with one of these images to the manager, as a module whose code is not on this PE."""
+    def lack(self, images: Mapping[str, str]) -> None:
+        """Report every module with one of these images to the manager, as a module whose code is not on this PE.
+
+        images: each with the reason, which a reader can ask for.
+        """
+        for image, reason in sorted(images.items()):
+            self._turn.note("image", f"{image} cannot be run here: {plain_reason(reason)}")
         for module, entry in sorted(self._index.modules.items()):
-            if entry.image in images and module not in self._lacking:
-                self._lacking.add(module)
-                self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
+            if entry.image in images:
+                self.failures.found(module, Failure(images[entry.image]))
+                if module not in self._lacking:
+                    self._lacking.add(module)
+                    self._found(FaultCode.MODULE_MISSING, ElementKind.MODULE, module, 0)
 
     def cleared(self, a: int, index: int) -> None:
         """Clear the faults of an element, as the operator commanded (CLEAR).

@@ -6,7 +6,7 @@ is an output of a module of this slice. Every bit mask names only ports of this 
 PE.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice, slice_digest
@@ -17,10 +17,10 @@ from heronry_wire.state_frames import Reason
 class SliceReader:
     """Decodes and checks slices for one PE."""
 
-    def __init__(self, index: TableIndex, missing_images: frozenset[str]) -> None:
-        """Remember `missing_images`: those of the table whose code is not on this PE."""
+    def __init__(self, index: TableIndex, missing_images: Mapping[str, str]) -> None:
+        """missing_images: images of the table that cannot be loaded on this PE, each with the reason."""
         self._index = index
-        self.missing_images = missing_images
+        self.missing_images = dict(missing_images)
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
         """Return the slice of contingency `number` as bytes, and the digest of these bytes.
@@ -44,7 +44,7 @@ class SliceReader:
         if not self._is_coherent(wanted):
             return Reason.UNKNOWN_INDEX
         images = {self._index.modules[module.module].image for module in wanted.modules}
-        return Reason.IMAGE if images & self.missing_images else wanted
+        return Reason.IMAGE if images & self.missing_images.keys() else wanted
 
     def _is_coherent(self, wanted: Slice) -> bool:
         given = {source for m in wanted.modules for source in self._index.gives(m.module, m.mode)}

@@ -18,7 +18,7 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
 from heronry_agent.shell.devices import PLANT, Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
-from heronry_agent.shell.image_catalogues import is_here
+from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_agent.shell.incarnation import BootCount
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
@@ -142,7 +142,8 @@ def _run(arguments: argparse.Namespace) -> int:
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     devices = Devices(table, open_drivers(table, origin_ns, arguments.devices))
     followed = devices.followed()
-    missing = frozenset(module.image for module in table.modules if not is_here(module.image))
+    reasons = {module.image: why_not_here(module.image) for module in table.modules}
+    missing = {image: reason for image, reason in reasons.items() if reason is not None}
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):

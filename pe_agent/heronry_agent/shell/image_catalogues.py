@@ -49,10 +49,21 @@ def find_image(name: str) -> type[Module]:
     return found
 
 
-def is_here(name: str) -> bool:
-    """Tell whether the file with an image's code is installed; the code is not imported, and may not work."""
+def why_not_here(name: str) -> str | None:
+    """Give the reason why the file of an image's code is not installed; None where it is.
+
+    Nothing is imported, so the code may still be broken.
+    """
     target = name if ":" in name else _catalogues().images.get(name, "")
     module, _, _ = target.partition(":")
+    if not module:
+        return _not_in_catalogue(name)
+    return (
+        None if _is_installed(module) else f"image '{name}': there is no {module} here; install it, or set PYTHONPATH"
+    )
+
+
+def _is_installed(module: str) -> bool:
     path: Sequence[str] | None = None
     parts = module.split(".")
     for number in range(1, len(parts) + 1):

@@ -45,6 +45,7 @@ from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
+_TAKEN_AWAY = "the simulator took it away"
 
 
 class SimulatedPe(Node):
@@ -84,7 +85,7 @@ class SimulatedPe(Node):
         devices = {module.device for module in table.modules if module.device is not None}
         self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         self._images = {module.name: module.image for module in table.modules}
-        missing = frozenset(self._host.missing_images).union(self._images[module] for module in lacks)
+        missing = dict(self._host.missing_images) | {self._images[module]: _TAKEN_AWAY for module in lacks}
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self.steps = ModuleSteps(
             clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
@@ -112,8 +113,8 @@ class SimulatedPe(Node):
         self._arm(self.core.next_deadline_ns())
 
     def lack(self, module: str) -> None:
-        """From now on, behave as if the code of a module were missing."""
-        self.give(ImagesMissing({self._images[module]: "the simulator took it away"}))
+        """Let the code of a module turn out to be missing."""
+        self.give(ImagesMissing({self._images[module]: _TAKEN_AWAY}))
 
     def unstick(self) -> None:
         """Complete the steps that hang."""
