@@ -67,16 +67,17 @@ class PeDetails:
 
     def failed(self, pe: str, element: str, emergency: object) -> None:
         """Read from a PE why a module has failed: once, although the PE repeats its EMCY."""
+        heard_ns = self._turn.now_ns
         before, at_ns = self._heard.get((pe, element), (None, 0))
-        self._heard[pe, element] = emergency, self._turn.now_ns
-        if before == emergency and self._turn.now_ns - at_ns <= self._again_after_ns:
+        self._heard[pe, element] = emergency, heard_ns
+        if before == emergency and heard_ns - at_ns <= self._again_after_ns:
             return
 
         def take(value: bytes | None) -> None:
             text = "" if value is None else plain_reason(value.decode("ascii", "replace"))
             if text:
                 self._failures[element] = {"element": element, "by": pe, "text": text, "at_ns": self._turn.now_ns}
-                self._turn.emit("module_failed", element=element, by=pe, text=text)
+                self._turn.emit("module_failed", element=element, by=pe, text=text, heard_ns=heard_ns)
 
         self._read(pe, MODULE_FAILURES, self._position(pe, element), take)
 

@@ -116,13 +116,14 @@ class Show:
             ready, _, _ = select.select(readers, [], [], wait_s)
             self._measure_lateness(meter)
             self._serve(ready)
+            complete_until_ns = time.monotonic_ns() - HELD_NS  # events that come during this turn are read in the next
             for one in self._events.take():
                 self._follow(one)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
             self._act()
             self._look()
-            self._telling.tell_until(time.monotonic_ns() - HELD_NS)
+            self._telling.tell_until(complete_until_ns)
             words = self._fleet.ended()
             if words is not None:
                 raise UserError(words)
@@ -175,7 +176,7 @@ class Show:
         if self._mute:
             return
         if one["event"] != "bus":  # the demo has reported it
-            self._telling.take(one)
+            self._telling.take(_in_its_place(one))
         self.saw_failure |= one["event"] in ("module_restarted", "module_failed")
         match one["event"]:
             case "pe_joined":
@@ -236,6 +237,7 @@ class Show:
         """Kill or restore a PE; returns a sentence that says so. Raises UserError where that cannot be done."""
         if pe not in self._spec.pes:
             raise UserError(f"{self._spec.name} has no PE '{pe}'")
+        began_ns = time.monotonic_ns()  # the manager may notice before the process has ended
         if what == "kill":
             pid = self._fleet.kill_pe(pe)
             self._coming_back.discard(pe)
@@ -245,13 +247,13 @@ class Show:
             self._coming_back.add(pe)
             pid = self._fleet.start_pe(pe)
         done = "killed" if what == "kill" else "restored"
-        self._emit("process", pe=pe, pid=pid, what=done)
+        self._emit("process", began_ns, pe=pe, pid=pid, what=done)
         return f"pe:{pe} is {done} (process {pid})"
 
     def _kill_manager(self) -> None:
         """Kill the active manager, and take events from the standby manager, from its take-over on."""
-        victim = self._fleet.active_manager()
-        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
+        victim, began_ns = self._fleet.active_manager(), time.monotonic_ns()
+        self._emit("process", began_ns, pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
         (self._events,), self._mute = self._managers.values(), True
 
@@ -310,5 +312,10 @@ class Show:
         )
         return 1 if unserved or self._witness.rivals or self._pending is not None else 0
 
-    def _emit(self, kind: str, **data: Any) -> None:
-        self._telling.take(make_event(kind, time.monotonic_ns(), **data))
+    def _emit(self, kind: str, at_ns: int | None = None, /, **data: Any) -> None:
+        self._telling.take(make_event(kind, time.monotonic_ns() if at_ns is None else at_ns, **data))
+
+
+def _in_its_place(one: dict[str, Any]) -> dict[str, Any]:
+    """Give the reason of a failure the time at which the PE reported it: the manager reads it a little later."""
+    return one | {"t_ns": one["heard_ns"]} if one["event"] == "module_failed" else one
