@@ -18,7 +18,7 @@ from heronry_tools.analysis.made_ahead import kept_contingencies
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.replay.proven import is_tagged, proven
-from heronry_tools.sim.replay.recorded_folder import events_of, is_recorded_folder, log_of, spec_of
+from heronry_tools.sim.replay.recorded_folder import events_of, expect_spec_of, is_recorded_folder, log_of, spec_of
 from heronry_tools.sim.replay.recording import masterships, on_the_managers_bus, read_recording
 from heronry_tools.watch.listening import Listening
 from heronry_tools.watch.observations import observation
@@ -54,8 +54,9 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
     Raises UserError.
     """
     if is_recorded_folder(path):
-        loaded = spec_of(path) if spec is None else load_spec(spec)
-        return Recording(loaded, log_of(path), list(events_of(path)), "record")
+        return Recording(spec_of(path, spec), log_of(path), list(events_of(path)), "record")
+    if not path.exists():
+        raise UserError(f"{path}: No such file or directory; name a log, or a folder of 'heronry record'")
     if path.suffix == ".scenario":
         return _flown(path)
     if path.is_dir():
@@ -64,7 +65,10 @@ def open_recording(path: Path, spec: str | None, key: Key | None = None) -> Reco
         raise UserError(f"{path} does not say of which spec it is: name the spec behind it")
     loaded = load_spec(spec)
     if path.suffix == ".jsonl":
-        return Recording(loaded, [], list(read_events(path)), "record")
+        events = list(read_events(path))
+        for told in (one for one in events if "spec_digest" in one):
+            expect_spec_of(told, loaded, "name the spec of the flight", str(path))
+        return Recording(loaded, [], events, "record")
     frames, _ = read_recording(path)
     return Recording(loaded, frames, events_of_log(loaded, frames, key, str(path)), "log")
 

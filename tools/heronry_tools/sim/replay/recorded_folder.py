@@ -45,9 +45,26 @@ def head_of(folder: Path) -> dict[str, Any]:
     return dict(head)
 
 
-def spec_of(folder: Path) -> Spec:
-    """Load the spec in a folder."""
-    return load_spec(str(folder / head_of(folder)["spec_file"]))
+def spec_of(folder: Path, text: str | None = None) -> Spec:
+    """Load the spec in a folder, or the one that `text` names; raises UserError where that is another one."""
+    head = head_of(folder)
+    if text is None:
+        return load_spec(str(folder / head["spec_file"]))
+    spec = load_spec(text)
+    expect_spec_of(head, spec, f"{folder} has its own spec: leave SPEC out", str(folder))
+    return spec
+
+
+def expect_spec_of(told: Mapping[str, Any], spec: Spec, remedy: str, name: str) -> None:
+    """Raise UserError where the recording `name` says in `told` that it is of another spec."""
+    flown, digest = told["spec"], told["spec_digest"]
+    if digest != spec.digest:
+        other = "another text of it" if flown == spec.name else f"'{spec.name}' ({_short(spec.digest)})"
+        raise UserError(f"{name} is a flight of '{flown}' ({_short(digest)}), and SPEC is {other}; {remedy}")
+
+
+def _short(digest: str) -> str:
+    return f"digest {digest[:8]}"
 
 
 def log_of(folder: Path) -> list[LoggedFrame]:
