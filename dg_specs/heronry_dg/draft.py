@@ -29,6 +29,20 @@ _NAME: Final = re.compile(NAME_PATTERN)
 _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
+_OTHER_KINDS: Final = (  # fields that tell a kind of file, what it is, and what to do
+    (
+        frozenset(("objective", "modules", "functions")),
+        "it is a plan, as 'heronry plan --json' writes it",
+        "name the *.dg.yaml, or check the plan with: heronry verify SPEC PLAN.json",
+    ),
+    (frozenset(("spec_digest", "node_id")), "it is the table of a PE", "name the *.dg.yaml of which it was compiled"),
+    (
+        frozenset(("pcs",)),
+        "it is a component graph",
+        "the name of such a file ends in .pcs.yaml or .pcs.json; see: heronry pcs --help",
+    ),
+)
+
 _NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in all"
 _PRINTABLE: Final = (
     rules.BAD_TEXT,
@@ -97,7 +111,26 @@ def read_draft(root: Node, findings: Findings) -> Draft | None:
         hint = "begin with dg: 1, then buses:, pes:, modules: ..."
         findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
         return None
+    other = _other_kind(root.entries)
+    if other is not None:
+        findings.add(rules.MISSING_FIELD, root.place, f"the file is no spec: {other[0]}", other[1])
+        return None
     return _DraftReader(root, findings).read()
+
+
+def _other_kind(keys: Collection[str]) -> tuple[str, str] | None:
+    """Say which other kind of file one without `dg` is, and what to do; None where it may be a spec.
+
+    Every field of such a file would be a mistake of its own, and none of those findings helps.
+    """
+    if "dg" in keys:
+        return None
+    for marks, sentence, hint in _OTHER_KINDS:
+        if marks <= frozenset(keys):
+            return sentence, hint
+    if any(key in keys for key in field_names(schema.SpecForm)):
+        return None
+    return "none of its fields is one of a spec", "a spec begins with dg: 1; is this the right file?"
 
 
 class _DraftReader:

@@ -270,7 +270,11 @@ def read_situation(text: str, spec: Spec) -> Situation:
             [f"{f}={_field(priorities, f, int, 'priorities')}" for f in priorities],
         )
     except UnknownElementError as error:
-        raise PlanError(str(error)) from None
+        other = document.get("spec")
+        is_of_another = isinstance(other, str) and other != spec.digest
+        raise PlanError(
+            f"the plan is of another spec than {spec.name}: {error}" if is_of_another else str(error)
+        ) from None
 
 
 def read_configuration(text: str) -> Configuration:
@@ -351,7 +355,8 @@ def _document(text: str) -> Json:
     try:
         document = json.loads(text, object_pairs_hook=_fields, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
-        raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg})") from None
+        hint = "; a spec stands before the plan" if text.lstrip().startswith(("dg:", "#")) else ""
+        raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg}){hint}") from None
     except RecursionError:
         raise PlanError("the file is nested too deeply to be a plan") from None
     except PlanError:
