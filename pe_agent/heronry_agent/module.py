@@ -39,6 +39,15 @@ class Datum(NamedTuple):
         raise TypeError(f"{self.value!r} is not a number; read it with .value")
 
 
+class AbsentError(KeyError):
+    """A variable is not supplied now: not yet, no more, or never in this configuration."""
+
+    def __str__(self) -> str:
+        """Say what a module should do."""
+        variable = repr(self.args[0])
+        return f"no fresh value of {variable} is supplied; ask with inputs.get({variable}), which gives None then"
+
+
 class Inputs(Mapping[str, Datum]):
     """The fresh inputs of one step, by variable; if several leaves read a variable, its best version counts.
 
@@ -54,7 +63,11 @@ class Inputs(Mapping[str, Datum]):
                 self._best[variable] = datum
 
     def __getitem__(self, variable: str) -> Datum:
-        return self._best[variable]
+        """Give the datum of a variable; raises AbsentError where it is not supplied now."""
+        try:
+            return self._best[variable]
+        except KeyError:
+            raise AbsentError(variable) from None
 
     @overload
     def get(self, variable: str, /) -> Datum | None: ...

@@ -1,7 +1,10 @@
 """A PE that lacks the code of a module tells that before its first page 1, and may still run everything else."""
 
+import pytest
+
 from agent.one_pe import BEAT_NS, CONTROL, TABLE, OnePe
 from heronry_agent.core.vocabulary import Note
+from heronry_agent.module import AbsentError, Inputs
 from heronry_agent.shell.image_catalogues import why_not_here
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import emcy_id, state_id
@@ -41,3 +44,9 @@ def test_code_is_found_without_being_imported() -> None:
         why_not_here("no_such_image")
         == "there is no image 'no_such_image'; write package.module:Class for code of your own"
     )
+
+
+def test_an_input_that_is_not_supplied_is_told_with_a_remedy() -> None:
+    with pytest.raises(AbsentError, match=r"^no fresh value of 'speed' is supplied; ask with inputs\.get\('speed'\)"):
+        Inputs({})["speed"]
+    assert "speed" not in Inputs({})
