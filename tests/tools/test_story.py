@@ -19,7 +19,7 @@ from heronry_manager.planner.exact import plan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.reports.screen import screen
-from heronry_tools.reports.story import _SENTENCES, Line, Story
+from heronry_tools.reports.story import _SENTENCES, Line, Story, plain_line
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
 from heronry_tools.runtime.demo.script import DemoAction, default_actions, read_script
 from heronry_tools.sim.faults.drawing import drawn_faults
@@ -557,3 +557,11 @@ def test_a_time_that_is_none_is_refused(option: str, seconds: str, capsys: pytes
     with pytest.raises(SystemExit):
         main(["demo", f"{option}={seconds}"])
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"heronry demo: {option}: ")
+
+
+def test_held_outputs_are_named_without_brackets() -> None:
+    held = [plain_line(event("outputs_held", 0, pe="a", modules=names, cause="no lease")) for names in (["x", "y"], [])]
+    assert [line.text for line in held if line] == [
+        "a holds back what x, y drive: no lease",
+        "a holds back what its modules drive: no lease",
+    ]

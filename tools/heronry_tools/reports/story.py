@@ -96,7 +96,12 @@ class Line:
 def plain_line(event: Mapping[str, Any]) -> Line | None:
     """Give the sentence of an event, where that depends on no other event; else None."""
     template, tone = _SENTENCES.get(event["event"], ("", "plain"))
-    return Line(template.format_map(event), tone) if template else None
+    return Line(template.format_map({key: _worded(value) for key, value in event.items()}), tone) if template else None
+
+
+def _worded(value: Any) -> Any:
+    """Give a list as words of a sentence."""
+    return (", ".join(value) or "its modules") if isinstance(value, list) else value
 
 
 @dataclass(slots=True)
