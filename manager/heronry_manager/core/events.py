@@ -23,8 +23,8 @@ KINDS: Mapping[str, str] = {
     "pe_heard_again": "pe, cause: a PE that was lost is heard again; its hold-down begins",
     "pe_joined": "pe, cause: the PE is available from now on",
     "module_restarted": "element, by, times: a module failed, and its PE built it anew; it does not count as failed",
-    "module_failed": "element, by, text, heard_ns (when its PE reported the failure): why a module failed, as its PE gives "
-    "it by SDO: exception, message, place",
+    "module_failed": "element, by, text, heard_ns (when its PE reported it): why a module failed, as its PE gives it "
+    "by SDO: exception, message, place",
     "stood_still": "by (a PE, a manager, the demo), for_ns, times: its computer stood still for more than a period",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element no longer counts as failed",
