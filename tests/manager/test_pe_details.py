@@ -210,6 +210,17 @@ def test_the_traceback_comes_when_the_operator_asks(manager: Reading) -> None:
     assert (answer.done, answer.sentence) == (True, "Traceback:\n  File x\nValueError: \\x07")
 
 
+def test_what_has_no_traceback_is_said_at_once_and_no_pe_is_asked(manager: Reading) -> None:
+    manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
+    manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)
+    manager.asked.clear()
+    pe, unknown = (manager.ask(AskTraceback(element)) for element in ("pe:left", "module:contrl"))
+    assert pe == Reply(1, done=False, sentence="pe:left has no code that could fail: name a module", is_unusable=True)
+    assert (unknown.done, unknown.is_unusable) == (False, True)
+    assert unknown.sentence == "no module is named 'contrl'; did you mean 'control'?"
+    assert manager.asked == []
+
+
 def test_a_manager_that_is_no_longer_active_gives_up_what_it_reads(manager: Reading) -> None:
     manager.objects[LEFT, MODULE_FAILURES, 1] = TEXT.encode()
     manager.emcy(FaultCode.MODULE_EXCEPTION, CONTROL)

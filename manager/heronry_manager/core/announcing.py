@@ -39,11 +39,11 @@ class Announcer:
         self._told[fact] = self._beat
         return fact
 
-    def phase(self) -> Fact | None:
-        """Give the phase as a fact that is announced immediately; None: the spec has no phases."""
+    def phase(self) -> list[Fact]:
+        """Give the phase as a fact that is announced immediately; nothing where the spec has no phases."""
         phase = self._phase()
         self._told |= dict.fromkeys(phase, self._beat)
-        return phase[0] if phase else None
+        return phase
 
     def look(self) -> list[Fact]:
         """List the facts that hold now. If a fact is missing once and holds later, it is announced as a new one."""

@@ -90,9 +90,8 @@ class Beat:
 
     def tell_phase(self) -> None:
         """Announce the present phase to a standby manager immediately."""
-        phase = self._announcer.phase()
-        if phase is not None:
-            self._tell(*phase)
+        for fact in self._announcer.phase():
+            self._tell(*fact)
 
     def tell_priority(self, index: int) -> None:
         """Announce the priority of the function with this index to a standby manager immediately."""
