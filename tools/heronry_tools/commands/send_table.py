@@ -64,14 +64,20 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.table_files import table_texts  # noqa: PLC0415
     from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
+    from heronry_wire.bus_opening import open_bus  # noqa: PLC0415
     from heronry_wire.key_file import read_key  # noqa: PLC0415
 
     spec, pe = load_spec(arguments.spec), arguments.pe
     if pe not in spec.pes:
         raise UserError(f"no pe is named '{pe}'; there is {', '.join(spec.pes)}")
     key = None if arguments.key is None else read_key(arguments.key)
-    text = table_texts(spec, [pe], contingencies_of(spec, arguments.contingencies))[pe].encode()
     flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
+
+    def look_at_bus() -> None:
+        open_bus(flags).bus.shutdown()
+
+    carried = contingencies_of(spec, arguments.contingencies, before_making=look_at_bus)
+    text = table_texts(spec, [pe], carried)[pe].encode()
     node = spec.pes[pe].node_id
     if key is None:
         _send(flags, node, text)
