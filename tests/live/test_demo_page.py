@@ -19,7 +19,10 @@ class Demo:
     def __init__(self) -> None:
         command = [sys.executable, "-m", "heronry_tools", "demo", "elevator_and_chute", "--web", "--json"]
         self.process = subprocess.Popen(
-            [*command, "--kill", "pe:sensor_pe@600"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, "--contingencies", "none", "--kill", "pe:sensor_pe@600"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         self.address, self.token = "", ""
 

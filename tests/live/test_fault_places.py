@@ -134,7 +134,17 @@ def test_a_module_that_crashes_on_one_pe_runs_on_the_other(desk: Desk, tmp_path:
 
 
 def test_reports_of_pes_and_buses_are_assessed_and_fail_none() -> None:
-    words = ["demo", "tests/scenarios/suspected.dg.yaml", "--kill", "pe:far@7", "--for", "8", "--json"]
+    words = [
+        "demo",
+        "tests/scenarios/suspected.dg.yaml",
+        "--kill",
+        "pe:far@7",
+        "--for",
+        "8",
+        "--json",
+        "--contingencies",
+        "none",
+    ]
     environment = {**os.environ, "PYTHONPATH": "tests"}
     ran = subprocess.run(
         [*PYTHON, "heronry_tools", *words], env=environment, capture_output=True, text=True, timeout=90, check=True

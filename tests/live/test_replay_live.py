@@ -22,6 +22,7 @@ def test_a_recorded_demo_is_decided_again_as_it_was(tmp_path: Path) -> None:
     spec, log = tmp_path / "slow.dg.yaml", tmp_path / "flight.log"
     spec.write_text(yaml.safe_dump(document, sort_keys=False))
     show = ["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@3.5", "--for", "8", "--json", "--record", str(log)]
+    show += ["--contingencies", "none"]  # which this spec would make behind the flight
     subprocess.run([*HERONRY, "demo", str(spec), *show], capture_output=True, check=True, timeout=120)
     ran = subprocess.run(
         [*HERONRY, "replay", str(log), str(spec), "--json"], capture_output=True, text=True, check=False, timeout=120

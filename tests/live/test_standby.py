@@ -27,7 +27,7 @@ def slow_aircraft(folder: Path) -> Path:
 @pytest.mark.soak  # test_keyed.py has the same take-over in every run, with a key
 def test_the_standby_takes_over_from_a_manager_that_was_killed_and_adopts_what_runs(tmp_path: Path) -> None:
     spec = slow_aircraft(tmp_path)
-    command = [sys.executable, "-m", "heronry_tools", "demo", str(spec)]
+    command = [sys.executable, "-m", "heronry_tools", "demo", str(spec), "--contingencies", "none"]
     done = subprocess.run(
         [*command, "--kill", "manager@2", "--for", "6", "--json"],
         capture_output=True,

@@ -63,10 +63,15 @@ class Rule:
     in_checkout: bool = False  # make works on the .venv of the checkout
 
 
+# A demo that finds no plans makes them behind the flight, with all processors, for the next demo: of that test_demo.py
+# has a test. `make soak` types what is written.
+FLIES_ALONE = "" if IS_WHOLE else "--contingencies none"
+GOES_AROUND = "" if IS_WHOLE else "--without-rover"  # a landing takes three times as long
+
 RULES = [
     Rule(r"make (test|lint)", How.EXEMPT, "they run this very test, and have run the linters already"),
     Rule(r"make demo ARGS=--web", How.EXEMPT, "it goes on until Ctrl-C; tests/live/test_demo_page.py flies it"),
-    Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
+    Rule(r"make demo", How.LIVE, more=f"ARGS='--for 2 {FLIES_ALONE}'", in_checkout=True),
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
     Rule(
@@ -87,14 +92,14 @@ RULES = [
     ),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
     Rule(r"pip wheel .*", How.EXEMPT, "it fetches the build system; test_small_install.py builds the wheel"),
-    Rule(r"heronry demo\b.*--web.*", How.LIVE, more="--for 2"),
+    Rule(r"heronry demo\b.*--web.*", How.LIVE, more=f"--for 2 {FLIES_ALONE}"),
     Rule(r"heronry web\b.*", How.EXEMPT, "it serves until it is stopped; tests/web opens its pages"),
     Rule(r"heronry top( --log flight.log big_blue)?|heronry top --log flight", How.EXEMPT, "tests/watch/test_top.py"),
     Rule(r"heronry (top|metrics|log convert) .*flight\.log big_blue.*", How.EXEMPT, "tests/watch flies and runs them"),
     Rule(r"heronry (record|log convert|replay) .*\bflight\b.*", How.EXEMPT, "tests/watch and tests/live record one"),
     Rule(r"heronry metrics --port .*", How.EXEMPT, "tests/live/test_watching_live.py scrapes it"),
     Rule(r"heronry demo elevator_and_chute --kill .*", How.LIVE, is_long=True),  # test_demo.py tells the same story
-    Rule(r"heronry demo\b.*", How.LIVE),
+    Rule(r"heronry demo\b.*", How.LIVE, more=FLIES_ALONE),
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
     Rule(r"heronry sim .*--compiled.*", How.EXEMPT, "the first time it compiles for minutes"),
@@ -103,7 +108,7 @@ RULES = [
     Rule(r"heronry sim .*", How.RUN, more="--seconds 1"),
     Rule(r"heronry fly big_blue( --report .*)?", How.EXEMPT, "an hour of flight; test_big_blue_flights.py, when long"),
     Rule(r"heronry fly .*--live.*", How.LIVE, is_long=True),
-    Rule(r"heronry fly eav --report .*", How.RUN),
+    Rule(r"heronry fly eav --report .*", How.RUN, more=GOES_AROUND),
     Rule(r"heronry fly .*", How.RUN, is_long=True),
     Rule(r"heronry check( big_blue| --error .*)?", How.RUN, more="--fast"),  # make lint checks all specs completely
     Rule(r"heronry pcs (apply .* --live|release)", How.EXEMPT, "tests/live/test_live_script.py flies scripts"),
