@@ -24,6 +24,7 @@ from heronry_tools.analysis.check.single_faults import losses
 from heronry_tools.analysis.check.wanted import Phase, critical_functions, phases
 from planner.comparison import crossing_case
 from planner.random_specs import random_case
+from thoroughness import sample
 
 RUNS = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 Lost = dict[str, set[Phase]]  # function -> phases
@@ -68,7 +69,7 @@ def lost_as_told(spec: Spec) -> dict[str, Lost]:
     return {loss.element: {name: set(at) for name, at in loss.functions.items()} for loss in found}
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", sample(range(50), 3))  # odd ones and even ones
 def test_losses_are_those_of_planning_every_single_fault(seed: int) -> None:
     draw = crossing_case if seed % 2 else random_case
     spec = draw(random.Random(seed), modules=7).spec

@@ -34,7 +34,7 @@ def injected(simulation: Simulation, *texts: str) -> Injections:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_fault_is_injected_ends_and_leaves_an_aircraft_that_recovers(kind: str) -> None:
-    specs = {"gateway": big_blue, "far_bus": big_blue, "phase": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
+    specs = {"phase": big_blue} | dict.fromkeys(("gateway", "far_bus", "channel", "twin_pe"), twin_wires)
     spec = specs.get(KINDS[kind].target_kind, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
